@@ -1,0 +1,166 @@
+/* foreswitch: predictive control of actuators that can only switch and act after a dead time.
+ *
+ * Everything a controller needs at run time, in freestanding C99: no heap, no stdio, no mutable
+ * file-scope data. A design (constant, computed beforehand) and a state (owned by the caller) go
+ * into fsw_step once per switching period; a level index per input comes out.
+ *
+ *     fsw_state state;
+ *     if (fsw_init(&design, &state) != FSW_VALID) { ... }      once
+ *     fsw_step(&design, &state, x, reference, w, u);           every switching period
+ *
+ * Units are SI. Time does not appear: the design has folded the switching period, the input delay
+ * and the horizon into rows, so that the predicted sliding variable of output o is
+ *
+ *     s_o = f_o x + sum_i W_oi u[k-i] + g_o w + offset_o - s_d,o + sum_j H_oj tail_j    free part
+ *           + sum_j h_oj (u_j - tail_j)                                                candidate
+ *
+ * with tail_j the input assumed after the candidate has been held. A step costs
+ * O(outputs * (states + pending) + candidates * outputs * inputs), whatever the horizon.
+ */
+#ifndef FORESWITCH_H
+#define FORESWITCH_H
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* ---- Limits: an exported design sets them to its own sizes, and the state shrinks with them ---- */
+
+#ifndef FSW_MAX_STATES
+#define FSW_MAX_STATES 64
+#endif
+#ifndef FSW_MAX_INPUTS
+#define FSW_MAX_INPUTS 8
+#endif
+#ifndef FSW_MAX_OUTPUTS
+#define FSW_MAX_OUTPUTS 16
+#endif
+#ifndef FSW_MAX_DISTURBANCES
+#define FSW_MAX_DISTURBANCES 16 /* at least 1 */
+#endif
+#ifndef FSW_MAX_LINE
+#define FSW_MAX_LINE 65536 /* inputs * (longest dead time in periods + 1), bytes */
+#endif
+
+/* ---- Types ---- */
+
+#ifdef FSW_SINGLE
+typedef float fsw_real;
+#define FSW_TINY 1e-30f /* below: zero, so that a decayed state cannot slow the arithmetic */
+#define FSW_HUGE 1e30f  /* above: not a measurement */
+#else
+typedef double fsw_real;
+#define FSW_TINY 1e-290
+#define FSW_HUGE 1e290
+#endif
+
+/* Whether a design can be run. */
+typedef enum {
+    FSW_VALID = 0,
+    FSW_TOO_LARGE = 1,   /* a size exceeds the limits above */
+    FSW_INCONSISTENT = 2 /* sizes or indices contradict each other */
+} fsw_validity;
+
+/* What a command is based on. */
+typedef enum {
+    FSW_OK = 0,       /* the measurement */
+    FSW_COASTING = 1, /* a bad measurement was replaced by the model's prediction from the last good one */
+    FSW_HELD = 2,     /* no usable measurement yet, or a bad reference: the present command is kept */
+    FSW_SAFE = 3      /* bad_limit bad samples in a row: the safe level, whatever the dwell */
+} fsw_status;
+
+/* One controller, constant. Arrays are row-major, their shape in brackets. An input's levels are
+ * ascending and referred to by index; a *command* is one index per input. */
+typedef struct {
+    uint16_t states, inputs, outputs, disturbances;
+    uint16_t order;      /* derivatives in a reference, the value included; >= 1 */
+    uint16_t rows;       /* delay line: longest dead time in periods, rounded up, + 1 */
+    uint16_t candidates; /* allowed commands; >= 1 */
+    uint16_t bad_limit;  /* consecutive bad samples that force the safe level; 0: never */
+
+    const uint8_t *level_count; /* [inputs], each >= 1 */
+    const fsw_real *levels;     /* [sum of level_count] */
+    const uint8_t *candidate;   /* [candidates][inputs] */
+    const uint8_t *safe;        /* [inputs] */
+
+    const fsw_real *state_row;       /* f [outputs][states] */
+    const fsw_real *disturbance_row; /* g [outputs][disturbances] */
+    const fsw_real *offset;          /* [outputs] */
+    const fsw_real *reference_row;   /* [outputs][order] */
+    const fsw_real *half_weight;     /* [outputs], cost = sum half_weight s^2 + switch costs */
+
+    const uint16_t *pending;       /* [inputs] commands under way, dead time in periods rounded up */
+    const fsw_real *pending_table; /* per input [pending][level_count][outputs]: W times the level, newest first */
+
+    const uint16_t *holds;    /* [inputs] distinct holding times, in periods, within the horizon; >= 1 */
+    const fsw_real *hold_row; /* per input [holds][outputs]: h for a candidate held 1, 2, ... periods */
+
+    const fsw_real *total_row;        /* H [outputs][inputs]: a level held to the evaluation instant */
+    const fsw_real *rest_reference;   /* [inputs][outputs]; null: the tail is zero */
+    const fsw_real *rest_disturbance; /* [inputs][disturbances] */
+    const fsw_real *rest_offset;      /* [inputs] */
+
+    const uint32_t *dwell;       /* per input [level_count]: shortest run at that level, periods; >= 1 */
+    const fsw_real *switch_cost; /* [inputs] */
+
+    /* One period of the model, to coast through bad measurements:
+     * x' = model_x x + sum_j (model_old_j u[pending_j + 1 ago] + model_new_j u[pending_j ago]) + model_w w + model_c */
+    const fsw_real *model_x;   /* [states][states] */
+    const fsw_real *model_old; /* [inputs][states] */
+    const fsw_real *model_new; /* [inputs][states], zero where pending is 0 */
+    const fsw_real *model_w;   /* [states][disturbances] */
+    const fsw_real *model_c;   /* [states] */
+} fsw_design;
+
+/* All that changes. Plain data: may be copied, stored and restored. */
+typedef struct {
+    fsw_real x[FSW_MAX_STATES];       /* the state last used, measured or predicted */
+    fsw_real w[FSW_MAX_DISTURBANCES]; /* the disturbance last used */
+    uint32_t wait[FSW_MAX_INPUTS];    /* periods each input must still keep its present level */
+    uint16_t head;                    /* row of the delay line that the next command takes */
+    uint16_t bad;                     /* consecutive bad samples, saturating */
+    uint8_t primed;                   /* x holds something */
+    uint8_t line[FSW_MAX_LINE];       /* [rows][inputs] commands issued, level indices */
+} fsw_state;
+
+typedef struct {
+    fsw_status status;
+    uint16_t candidate; /* index of the chosen command, or `candidates` when it is the held or safe one */
+    uint16_t nodes;     /* candidates evaluated */
+    fsw_real cost;      /* predicted cost of the choice; 0 when nothing was evaluated */
+} fsw_decision;
+
+/* ---- Functions. Costs are worst cases in multiply-adds. ---- */
+
+/* Check a design and start its state: safe levels under way, no dwell running, nothing measured.
+ * Every index in the design is checked; array lengths cannot be. Cost O(candidates * inputs). */
+fsw_validity fsw_init(const fsw_design *design, fsw_state *state);
+
+/* Start from known commands: line [rows][inputs] level indices, oldest first, the last one present;
+ * wait [inputs] periods that each input must still keep its level (0: free). Keeps what was measured.
+ * Returns FSW_INCONSISTENT, and changes nothing, if an index is out of range. */
+fsw_validity fsw_preload(const fsw_design *design, fsw_state *state, const uint8_t *line, const uint32_t *wait);
+
+/* The command issued `age` periods ago, 1 <= age <= rows (1: in force): [inputs] level indices, valid until the
+ * state changes. */
+const uint8_t *fsw_issued(const fsw_design *design, const fsw_state *state, uint16_t age);
+
+/* Choose without committing: what fsw_step would do.
+ * x [states], reference [outputs][order], w [disturbances] (null if there are none) in the design's units;
+ * costs [candidates] receives every candidate's cost, infinity where dwell forbids it; may be null. */
+fsw_decision fsw_decide(const fsw_design *design, const fsw_state *state, const fsw_real *x, const fsw_real *reference,
+                        const fsw_real *w, fsw_real *costs);
+
+/* One switching period: choose, remember, and write the levels to u [inputs]. The command is always
+ * an allowed one that respects dwell (but FSW_SAFE), also with bad measurements.
+ * Cost: outputs * (states + disturbances + order + sum pending + candidates * inputs) + inputs * outputs;
+ * a bad measurement adds states * (states + 2 inputs + disturbances). */
+fsw_decision fsw_step(const fsw_design *design, fsw_state *state, const fsw_real *x, const fsw_real *reference,
+                      const fsw_real *w, fsw_real *u);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

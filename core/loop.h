@@ -1,0 +1,72 @@
+/* Closed loop on the host: a plant stepped exactly from one switching instant to the next, under
+ * the core or under one of the laws people use today. Not part of the firmware. */
+#ifndef FORESWITCH_LOOP_H
+#define FORESWITCH_LOOP_H
+
+#include "foreswitch.h"
+
+/* A linear plant over one period. During period k input j applies u[k - delay_j] first and, where the dead
+ * time is not a whole number of periods, u[k - delay_j + 1] for the rest. Loads act undelayed. */
+typedef struct {
+    uint32_t states, inputs, outputs, disturbances;
+    const double *transition;  /* [states][states] */
+    const double *input_old;   /* [inputs][states] */
+    const double *input_new;   /* [inputs][states], zero where delay is 0 */
+    const double *input_load;  /* [inputs][states] */
+    const double *disturbance; /* [states][disturbances] */
+    const double *drift;       /* [states]: operating point */
+    const uint32_t *delay;     /* [inputs] dead time in periods, rounded up */
+    const double *output;      /* [outputs][states] */
+    const double *output_zero; /* [outputs] */
+} fsw_plant;
+
+/* x one period later, from x, the commands (row k at `u`, older rows before it), load and w (null: none). */
+void fsw_plant_advance(const fsw_plant *plant, const double *x, const double *u, const double *load, const double *w,
+                       double *next);
+void fsw_plant_output(const fsw_plant *plant, const double *x, double *y);
+
+/* What a law says of one decision. */
+typedef struct {
+    double cost;
+    uint32_t nodes;
+    uint8_t status;
+} fsw_verdict;
+
+/* Any law: measured state, reference [outputs][order] and w in, levels u [inputs] out. */
+typedef struct fsw_law {
+    fsw_verdict (*step)(struct fsw_law *law, const double *measured, const double *reference, const double *w, double *u);
+} fsw_law;
+
+/* The core as a law. `buffer` holds states + outputs * order + disturbances + inputs values, used when
+ * fsw_real is not double; `levels` are the exact ones. */
+typedef struct {
+    fsw_law law;
+    fsw_design design;
+    const double *levels;
+    fsw_real *buffer;
+    fsw_state state;
+} fsw_predictive;
+
+fsw_verdict fsw_predictive_step(fsw_law *law, const double *measured, const double *reference, const double *w, double *u);
+
+/* A run's arrays, row k belonging to t_k. x and y have one row more than the others; u has
+ * `history` rows before row 0, at least the plant's longest delay. Null: absent. */
+typedef struct {
+    uint32_t measured;        /* values the law is given */
+    uint32_t reference_width; /* outputs * order of the law */
+    const double *sensor;     /* [measured][plant states]; null: the plant's state as it is */
+    const double *noise;      /* [steps][measured] */
+    const double *reference;  /* [steps][reference_width] */
+    const double *w;          /* [steps][disturbances] */
+    const double *load;       /* [steps][inputs] */
+    double *x, *y, *u;        /* u at row 0, history before it */
+    double *cost;
+    uint32_t *nodes;
+    uint8_t *status;
+    double *scratch; /* [measured] */
+} fsw_record;
+
+/* Periods first <= k < last; row `first` of x must be filled. */
+void fsw_run(fsw_law *law, const fsw_plant *plant, const fsw_record *record, uint64_t first, uint64_t last);
+
+#endif

@@ -1,0 +1,86 @@
+"""Argument checks shared by all modules: each failure is one sentence naming argument, value and remedy."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Array", "array", "matrix", "names", "number", "per", "periods"]
+
+Array = NDArray[np.float64]
+
+#: A time counts as a whole number of periods within this many periods (0.3 / 0.1 = 2.9999...).
+PERIOD_TOLERANCE = 1e-9
+
+
+def number(name: str, value: Any, *, above: float | None = None, least: float | None = None) -> float:
+    """A finite float, optionally > ``above`` or >= ``least``."""
+    try:
+        result = float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} is {value!r}; give one number") from None
+    if not math.isfinite(result):
+        raise ValueError(f"{name} is {result}; give a finite number")
+    if above is not None and result <= above:
+        raise ValueError(f"{name} is {result:g}; it must be greater than {above:g}")
+    if least is not None and result < least:
+        raise ValueError(f"{name} is {result:g}; it must be at least {least:g}")
+    return result
+
+
+def array(name: str, value: ArrayLike, shape: tuple[int, ...] | None = None) -> Array:
+    """A finite float64 array, of ``shape`` if given, own memory and read-only."""
+    try:
+        result = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} is {value!r}; give numbers in a rectangular array") from None
+    if shape is not None and result.shape != shape:
+        raise ValueError(f"{name} has shape {result.shape}; shape {shape} is needed")
+    if not np.isfinite(result).all():
+        raise ValueError(f"{name} holds NaN or infinity; give finite numbers")
+    result.flags.writeable = False
+    return result
+
+
+def matrix(name: str, value: ArrayLike, rows: int | None = None, columns: int | None = None) -> Array:
+    """A finite 2-D array. A vector counts as one column if ``rows`` fits it, else as one row."""
+    result = np.array(array(name, value))
+    if result.ndim == 0:
+        result = result.reshape(1, 1)
+    elif result.ndim == 1:
+        result = result[:, None] if rows == result.size else result[None, :]
+    fits = result.ndim == 2 and (rows is None or result.shape[0] == rows)
+    if not fits or (columns is not None and result.shape[1] != columns):
+        need = " x ".join("any" if size is None else str(size) for size in (rows, columns))
+        raise ValueError(f"{name} has shape {result.shape}; a matrix of {need} is needed")
+    result.flags.writeable = False
+    return result
+
+
+def per(name: str, value: ArrayLike, count: int, what: str, *, least: float | None = None) -> Array:
+    """One value for all, or one per item."""
+    values = array(name, value)
+    if values.ndim > 1 or (values.ndim == 1 and values.size != count):
+        raise ValueError(f"{name} has shape {values.shape}; give one number or one per {what} ({count})")
+    if least is not None and (values < least).any():
+        raise ValueError(f"{name} is {value!r}; it must be at least {least:g}")
+    return np.broadcast_to(values, (count,)).copy()
+
+
+def names(name: str, value: Sequence[str] | str | None, count: int, prefix: str) -> tuple[str, ...]:
+    """One name each, or ``prefix`` with a number."""
+    if value is None:
+        return (prefix,) if count == 1 else tuple(f"{prefix}{i + 1}" for i in range(count))
+    given = (value,) if isinstance(value, str) else tuple(str(item) for item in value)
+    if len(given) != count:
+        raise ValueError(f"{name} is {list(given)}; {count} name(s) are needed")
+    if len(set(given)) != count:
+        raise ValueError(f"{name} is {list(given)}; each name may stand once")
+    return given
+
+
+def periods(seconds: float, Ts: float) -> int:
+    """Whole periods that cover ``seconds``, with a tolerance of 1e-9 periods."""
+    return max(0, math.ceil(seconds / Ts - PERIOD_TOLERANCE))

@@ -1,0 +1,322 @@
+"""What people use today: a relay with hysteresis, and PI with pulse-width modulation, alone or behind a Smith predictor.
+
+They run in the same closed loop as a `Controller`, under the same switching period and dwell, on the same measured
+state (their derivative action takes y' from it). One input, one output.
+"""
+
+from __future__ import annotations
+
+import copy
+from abc import ABC
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import differential_evolution
+
+from foreswitch import _check
+from foreswitch._check import Array
+from foreswitch.controller import canonical_reference, dwell_periods, input_levels, safe_indices
+from foreswitch.core import CORES, core_plant
+from foreswitch.loop import Run, simulate
+from foreswitch.plant import Plant
+from foreswitch.prediction import relative_degrees
+
+__all__ = ["Baseline", "PIPWM", "Relay", "SmithPWM", "Tuned", "tune"]
+
+
+class Baseline(ABC):
+    """Shared by all baselines: plant, levels, switching period and dwell.
+
+    Parameters
+    ----------
+    plant : Plant
+        One input, one output. The Smith predictor uses all of it, the others its output row.
+    levels : array_like
+        Ascending.
+    Ts : float
+        Switching period [s].
+    min_on, min_off : float
+        Shortest time at a level [s], as in `Controller`.
+    safe_level : float, optional
+        As in `Controller`; the level before the first step.
+    preview : float
+        Seconds ahead at which the reference is sampled.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range or the plant has several inputs or outputs.
+    """
+
+    KIND: ClassVar[int]
+    real = "float64"
+    order = 2
+
+    def __init__(
+        self,
+        plant: Plant,
+        levels: Any,
+        Ts: float,
+        *,
+        min_on: float = 0.0,
+        min_off: float = 0.0,
+        safe_level: float | None = None,
+        preview: float = 0.0,
+    ) -> None:
+        if plant.inputs != 1 or plant.outputs != 1:
+            raise ValueError(
+                f"plant has {plant.inputs} input(s) and {plant.outputs} output(s); a baseline takes one of each"
+            )
+        self.plant, self.levels = plant, input_levels(levels, 1)
+        self.Ts = _check.number("Ts", Ts, above=0.0)
+        self._safe = safe_indices(safe_level, self.levels)
+        self._dwell, _ = dwell_periods(self.levels, self._safe, min_on, min_off, self.Ts)
+        self._preview = _check.number("preview", preview)
+
+    @property
+    def reference_times(self) -> Array:
+        """Offset from t_k at which the reference is sampled [s], shape (1,)."""
+        return np.array([self._preview])
+
+    def _start(self, relay: tuple[float, float, float], pwm: tuple[float, float, float, float, float, int]) -> None:
+        """Hand the parameters to C."""
+        measurable = relative_degrees(self.plant)[0] != 1  # else y' jumps with u and is no state
+        rate = self.plant.C[0] @ self.plant.A * measurable
+        body, _ = core_plant(self.plant, self.Ts, self.real)
+        dwell = np.array(self._dwell[0], dtype=np.uint32)
+        self._parts = (self.KIND, body, np.ascontiguousarray(rate), self.levels[0], dwell, self.order, self._safe[0],
+                       self.Ts, relay, pwm)  # fmt: skip
+        self._core = CORES[self.real].Baseline(*self._parts)
+
+    def step(self, x: ArrayLike, reference: ArrayLike, *, disturbance: ArrayLike | None = None) -> Array:
+        """One switching period, as `Controller.step`.
+
+        Parameters
+        ----------
+        x : array_like, shape (n,)
+            Measured state.
+        reference : array_like
+            Value and, if known, its derivative.
+        disturbance : array_like, shape (p,), optional
+            Measured w; the Smith predictor's model uses it.
+
+        Returns
+        -------
+        ndarray, shape (1,)
+        """
+        u = np.empty(1)
+        state = np.ascontiguousarray(x, dtype=np.float64)
+        w = np.zeros(self.plant.disturbances) if disturbance is None else np.ascontiguousarray(disturbance, dtype=float)
+        self._core.step(state, canonical_reference(reference, 1, self.order), w, u)
+        return u
+
+    def reset(self) -> None:
+        """Forget the past: safe level, no integral."""
+        self._core.reset()
+
+    def copy(self) -> Baseline:
+        """The same design at its start.
+
+        Returns
+        -------
+        Baseline
+        """
+        twin = copy.copy(self)
+        twin._core = CORES[self.real].Baseline(*self._parts)
+        return twin
+
+    def _history(self) -> Array:
+        return np.array([[self.levels[0][self._safe[0]]]])
+
+
+class Relay(Baseline):
+    """Highest level below the reference, lowest above it, with hysteresis.
+
+    Acts on ``e + lead e'``, ``e = yd - y``: a switching line where ``lead`` > 0, as double integrators need.
+
+    Parameters
+    ----------
+    plant, levels, Ts, **shared
+        See `Baseline`.
+    hysteresis : float
+        Switches on above +hysteresis, off below -hysteresis [unit of y].
+    deadband : float
+        Where > 0 and the safe level lies between others: safe level within +-deadband [unit of y].
+    lead : float
+        s.
+    """
+
+    KIND = 0
+
+    def __init__(
+        self,
+        plant: Plant,
+        levels: Any,
+        Ts: float,
+        *,
+        hysteresis: float = 0.0,
+        deadband: float = 0.0,
+        lead: float = 0.0,
+        **shared: Any,
+    ) -> None:
+        super().__init__(plant, levels, Ts, **shared)
+        self.hysteresis = _check.number("hysteresis", hysteresis, least=0.0)
+        self.deadband = _check.number("deadband", deadband, least=0.0)
+        self.lead = _check.number("lead", lead, least=0.0)
+        self._start((self.hysteresis, self.deadband, self.lead), (0.0, 0.0, 0.0, 0.0, 0.0, 1))
+
+
+class PIPWM(Baseline):
+    """PI control, its output turned into pulses between the two nearest levels.
+
+    ``u = bias + kp e + ki int e + kd e' + kf yd'``, once per carrier period, with clamping against windup.
+
+    Parameters
+    ----------
+    plant, levels, Ts, **shared
+        See `Baseline`.
+    kp, ki, kd : float
+        Gains [u / unit of y, the same per s, the same times s]. ``kd`` acts where y' is a state.
+    kf : float
+        Gain from yd' [u s / unit of y].
+    bias : float
+        Input at zero error.
+    carrier : float
+        Pulse period [s], rounded to whole switching periods; its resolution is one of them.
+    """
+
+    KIND = 1
+
+    def __init__(
+        self,
+        plant: Plant,
+        levels: Any,
+        Ts: float,
+        *,
+        kp: float,
+        ki: float = 0.0,
+        kd: float = 0.0,
+        kf: float = 0.0,
+        bias: float = 0.0,
+        carrier: float,
+        **shared: Any,
+    ) -> None:
+        super().__init__(plant, levels, Ts, **shared)
+        self.kp, self.ki, self.kd = _check.number("kp", kp), _check.number("ki", ki), _check.number("kd", kd)
+        self.kf, self.bias = _check.number("kf", kf), _check.number("bias", bias)
+        self.carrier = _check.number("carrier", carrier, least=Ts * (1 - 1e-9))
+        gains = (self.kp, self.ki, self.kd, self.kf, self.bias)
+        self._start((0.0, 0.0, 0.0), (*gains, max(1, round(self.carrier / self.Ts))))
+
+
+class SmithPWM(PIPWM):
+    """`PIPWM` on a Smith predictor: the error is taken ahead of the dead time by a model in parallel.
+
+    Classical, and for stable or integrating plants only: both models run open loop.
+    """
+
+    KIND = 2
+
+    def __init__(self, plant: Plant, levels: Any, Ts: float, **options: Any) -> None:
+        if (plant.poles.real > 1e-9).any():
+            raise ValueError(f"plant has the unstable pole {plant.poles[-1]:.3g}; a Smith predictor needs none")
+        super().__init__(plant, levels, Ts, **options)
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """A baseline with the best parameters found, and how they were found."""
+
+    law: Baseline
+    parameters: dict[str, float]
+    run: Run
+    rms_error: float
+    evaluations: int
+
+
+def tune(
+    kind: type[Baseline],
+    plant: Plant,
+    levels: Any,
+    Ts: float,
+    reference: Callable[..., ArrayLike] | ArrayLike,
+    duration: float,
+    *,
+    budget: int = 400,
+    seed: int = 0,
+    shared: dict[str, Any] | None = None,
+    **simulation: Any,
+) -> Tuned:
+    """The baseline with the smallest rms error on one closed-loop task.
+
+    Differential evolution over all its parameters on logarithmic scales, in a box that spans three decades or more
+    around the plant's own units: errors of the reference's range, times of the dead time. Every kind gets the same
+    budget of closed-loop runs.
+
+    Parameters
+    ----------
+    kind : type
+        `Relay`, `PIPWM` or `SmithPWM`.
+    plant, levels, Ts
+        As in `Baseline`.
+    reference, duration
+        The task, as in `foreswitch.simulate`.
+    budget : int
+        Closed-loop runs, about.
+    seed : int
+        Of the search.
+    shared : dict, optional
+        Arguments of `Baseline`.
+    **simulation
+        Further arguments of `foreswitch.simulate`.
+
+    Returns
+    -------
+    Tuned
+    """
+    shared = shared or {}
+    trial = kind(plant, levels, Ts, **({"kp": 1.0, "carrier": Ts} if issubclass(kind, PIPWM) else {}), **shared)
+    start = simulate(trial, reference, duration, **simulation)
+    error = float(max(np.ptp(start.r), np.abs(start.r - plant.y_offset).max(), 1e-9))
+    reach = float(np.ptp(trial.levels[0]))
+    time = float(plant.input_delay[0]) + 2.0 * Ts
+    gain = reach / error
+    if issubclass(kind, PIPWM):
+        box = {
+            "kp": (1e-2 * gain, 1e3 * gain),
+            "ki": (1e-5 * gain / time, 1e2 * gain / time),
+            "kd": (1e-3 * gain * time, 1e3 * gain * time),
+            "kf": (1e-2 * gain * time, 1e3 * gain * time),
+            "carrier": (2.0 * Ts, 60.0 * Ts),
+        }
+    else:
+        box = {"hysteresis": (1e-5 * error, 0.3 * error), "lead": (1e-2 * time, 1e3 * time)}
+        if 0 < trial._safe[0] < trial.levels[0].size - 1:
+            box["deadband"] = (1e-5 * error, 0.3 * error)
+    names = list(box)
+    best: tuple[float, dict[str, float], Run] | None = None
+    count = 0
+
+    def cost(logs: Array) -> float:
+        nonlocal best, count
+        count += 1
+        parameters = dict(zip(names, np.exp(logs).tolist(), strict=True))
+        run = simulate(kind(plant, levels, Ts, **parameters, **shared), reference, duration, **simulation)
+        rms = float(np.sqrt(np.mean((run.y - run.r) ** 2)))
+        if best is None or rms < best[0]:
+            best = rms, parameters, run
+        return rms
+
+    generations = 12
+    members = max(5, budget // (generations + 1))
+    rng = np.random.default_rng(seed)
+    low, high = np.log(np.array(list(box.values()))).T
+    initial = low + (high - low) * rng.random((members, len(names)))
+    differential_evolution(
+        cost, list(zip(low, high, strict=True)), init=initial, maxiter=generations, tol=0.0, polish=False, rng=rng
+    )
+    assert best is not None  # noqa: S101 - the search has run at least once
+    return Tuned(kind(plant, levels, Ts, **best[1], **shared), best[1], best[2], best[0], count)

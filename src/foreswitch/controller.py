@@ -1,0 +1,600 @@
+"""The controller: a design handed to the C core."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from foreswitch import _check, prediction
+from foreswitch._check import Array
+from foreswitch._text import nearest, tree
+from foreswitch.core import CORES, REALS
+from foreswitch.objective import Endpoint
+from foreswitch.plant import Plant
+
+__all__ = ["Controller", "Decision", "Status", "canonical_reference", "dwell_periods", "input_levels", "safe_indices"]
+
+
+class Status(IntEnum):
+    """What a command is based on; `remedy` says what to do about it."""
+
+    OK = 0
+    COASTING = 1
+    HELD = 2
+    SAFE = 3
+
+    @property
+    def remedy(self) -> str:
+        """One sentence: what happened and what to do."""
+        return REMEDIES[self]
+
+
+REMEDIES = {
+    Status.OK: "The command rests on the measurement.",
+    Status.COASTING: "A measurement was not finite and the model's prediction stood in for it. Check the sensor.",
+    Status.HELD: "There was no usable measurement yet, or the reference was not finite, and the present command was "
+    "kept. Give one finite measurement and a finite reference.",
+    Status.SAFE: "The safe level was commanded after bad_limit bad samples in a row. Repair the sensor; control resumes "
+    "with the first finite measurement.",
+}
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a controller would command now, and why.
+
+    Attributes
+    ----------
+    u : ndarray, shape (m,)
+        The command.
+    cost : float
+        Its predicted cost.
+    candidates : ndarray, shape (p, m)
+        Every allowed command.
+    costs : ndarray, shape (p,)
+        Their predicted costs, infinite where a running dwell forbids one.
+    sequence : ndarray, shape (moves, m)
+        The planned commands, the first of them ``u``.
+    nodes : int
+        Candidates evaluated.
+    optimal : bool
+        Whether ``u`` is proven to be the best.
+    gap : float
+        Cost that an unexplored command could still save.
+    status : Status
+    """
+
+    u: Array
+    cost: float
+    candidates: Array
+    costs: Array
+    sequence: Array
+    nodes: int
+    optimal: bool
+    gap: float
+    status: Status
+
+
+def input_levels(levels: Any, inputs: int) -> list[Array]:
+    """Per input, its ascending levels."""
+    nested = isinstance(levels, (list, tuple)) and len(levels) > 0 and np.ndim(levels[0]) > 0
+    given = list(levels) if nested or np.ndim(levels) > 1 else [levels]
+    if len(given) != inputs:
+        raise ValueError(f"levels lists {len(given)} input(s); the plant has {inputs}, give one list of levels for each")
+    result = []
+    for j, item in enumerate(given):
+        values = _check.array(f"levels of input {j + 1}", item)
+        if values.ndim != 1 or not 2 <= values.size <= 255:
+            raise ValueError(f"levels of input {j + 1} are {np.asarray(item).tolist()}; give 2 to 255 levels")
+        if (np.diff(values) <= 0).any():
+            raise ValueError(f"levels of input {j + 1} are {values.tolist()}; they must ascend")
+        result.append(values)
+    return result
+
+
+def level_indices(name: str, command: ArrayLike, levels: list[Array]) -> list[int]:
+    """A command as level indices."""
+    values = np.atleast_1d(_check.array(name, command))
+    if values.shape != (len(levels),):
+        raise ValueError(f"{name} is {np.asarray(command).tolist()}; give one level for each of {len(levels)} input(s)")
+    result = []
+    for j, value in enumerate(values):
+        hit = np.flatnonzero(levels[j] == value)
+        if hit.size == 0:
+            raise ValueError(f"{name} holds {value:g}; the levels of input {j + 1} are {levels[j].tolist()}")
+        result.append(int(hit[0]))
+    return result
+
+
+def safe_indices(safe_level: ArrayLike | None, levels: list[Array]) -> list[int]:
+    """The declared safe levels, else per input the level nearest 0 (the lower of two)."""
+    if safe_level is None:
+        return [int(np.argmin(np.abs(values))) for values in levels]
+    return level_indices("safe_level", safe_level, levels)
+
+
+def dwell_periods(
+    levels: list[Array], safe: list[int], min_on: ArrayLike, min_off: ArrayLike, Ts: float
+) -> tuple[list[list[int]], list[list[float]]]:
+    """Shortest run at each level of each input, in periods and in seconds: off is the safe level, on any other."""
+    on = _check.per("min_on", min_on, len(levels), "input", least=0.0)
+    off = _check.per("min_off", min_off, len(levels), "input", least=0.0)
+    seconds = [[float(off[j] if i == safe[j] else on[j]) for i in range(v.size)] for j, v in enumerate(levels)]
+    return [[max(1, _check.periods(s, Ts)) for s in row] for row in seconds], seconds
+
+
+class Controller:
+    """Chooses, at each switching period, the command whose predicted outcome is best.
+
+    Parameters
+    ----------
+    plant : Plant
+        The model to predict with.
+    levels : array_like, or list of them
+        One input: its levels, ascending. Several: one list each. All combinations are candidates.
+    Ts : float
+        Switching period [s].
+    objective : Endpoint
+        What to minimise.
+    min_on, min_off : float or array_like, shape (m,)
+        Shortest time at a level [s]; an input is off at its safe level, on at any other.
+    switch_cost : float or array_like, shape (m,)
+        Added to the cost of a command for each input that it changes.
+    forbidden : sequence of commands
+        Combinations of levels that must never be commanded.
+    preview : bool, "lag" or float
+        When the reference is sampled, relative to t_k: now, at the evaluation instant (True), ahead by
+        the loop's lag, or by that many seconds.
+    safe_level : float or array_like, shape (m,), optional
+        Commanded after ``bad_limit`` bad measurements in a row; not declared: never. Also the level in
+        which an input counts as off, by default 0 where that is a level, else the level nearest 0.
+    bad_limit : int
+        Bad measurements in a row that force the declared safe level.
+    real : {"float64", "float32"}
+        Arithmetic of the core.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, no candidate is left, or an input has no effect on the objective.
+
+    Warns
+    -----
+    UserWarning
+        If a dwell is longer than Td, so that the prediction ends before the next switch is allowed.
+
+    Examples
+    --------
+    >>> valve = Plant.integrator_lag(k=16500.0, c=0.006, L=0.005)
+    >>> controller = Controller(valve, [0, 1], 1e-3, Endpoint(Td=0.020, lam=2500.0))
+    >>> controller.step([0.0, 0.0], 100.0)
+    array([1.])
+    >>> controller
+    Controller
+    ├─ objective  Endpoint(Td=0.02, lam=2500.0, tail='rest'), relative degree 2
+    ├─ input u    levels 0, 1 every 0.001 s, 5 periods under way
+    ├─ reference  value and 1 derivative(s), sampled at t_k + 0 s
+    └─ loop       lag 0.01136 s, DC gain 1, float64
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        levels: Any,
+        Ts: float,
+        objective: Endpoint,
+        *,
+        min_on: ArrayLike = 0.0,
+        min_off: ArrayLike = 0.0,
+        switch_cost: ArrayLike = 0.0,
+        forbidden: Sequence[ArrayLike] = (),
+        preview: bool | Literal["lag"] | float = False,
+        safe_level: ArrayLike | None = None,
+        bad_limit: int = 10,
+        real: Literal["float64", "float32"] = "float64",
+    ) -> None:
+        if not isinstance(plant, Plant):
+            raise ValueError(f"plant is a {type(plant).__name__}; give a Plant, see Plant.from_control")
+        if not isinstance(objective, Endpoint):
+            raise ValueError(f"objective is {objective!r}; give an Endpoint")
+        if real not in CORES:
+            raise ValueError(f"real is {real!r}; {nearest(str(real), CORES)}")
+        self._arguments = dict(
+            plant=plant, levels=levels, Ts=Ts, objective=objective, min_on=min_on, min_off=min_off,
+            switch_cost=switch_cost, forbidden=forbidden, preview=preview, safe_level=safe_level, bad_limit=bad_limit,
+            real=real,
+        )  # fmt: skip
+        self.plant, self.objective, self.real = plant, objective, real
+        self.Ts = _check.number("Ts", Ts, above=0.0)
+        self.levels = input_levels(levels, plant.inputs)
+        if objective.Td < self.Ts * (1.0 - 1e-9):
+            raise ValueError(f"Td is {objective.Td:g}; it must be at least one switching period Ts = {self.Ts:g}")
+        if not 1 <= int(bad_limit) <= 65535:
+            raise ValueError(f"bad_limit is {bad_limit}; give 1 to 65535 samples")
+        self._safe = safe_indices(safe_level, self.levels)
+        self._dwell, self._dwell_seconds = dwell_periods(self.levels, self._safe, min_on, min_off, self.Ts)
+        self._switch_cost = _check.per("switch_cost", switch_cost, plant.inputs, "input", least=0.0)
+        self._candidates = self._allowed(forbidden)
+        self._bad_limit = 0 if safe_level is None else int(bad_limit)
+        self._warn_of_short_horizon()
+        self._design()
+        self._reference_offset = self._sampling(preview)
+        self._parts = self._core_parts()
+        self._core = CORES[real].Predictive(*self._parts)
+        self.reset()
+
+    # ---- Design ----
+
+    def _allowed(self, forbidden: Sequence[ArrayLike]) -> Array:
+        """Level indices of the candidates, shape (p, m), in lexicographic order."""
+        if np.ndim(forbidden) == 0:
+            raise ValueError(f"forbidden is {forbidden!r}; give a list of commands")
+        no = {tuple(level_indices("forbidden", command, self.levels)) for command in forbidden}
+        count = int(np.prod([values.size for values in self.levels], dtype=np.float64))
+        if count > 65535:
+            raise ValueError(f"levels form {count} combinations; at most 65535 fit one decision, use fewer levels")
+        every = itertools.product(*(range(values.size) for values in self.levels))
+        allowed = [combination for combination in every if combination not in no]
+        if len(allowed) < 2:
+            raise ValueError(f"forbidden leaves {len(allowed)} command(s); at least two are needed for a choice")
+        if tuple(self._safe) in no:
+            level = [float(v[i]) for v, i in zip(self.levels, self._safe, strict=True)]
+            raise ValueError(f"forbidden contains the safe level {level}; declare an allowed safe_level")
+        return np.array(allowed, dtype=np.uint8)
+
+    def _warn_of_short_horizon(self) -> None:
+        longest = max(max(row) for row in self._dwell_seconds)
+        if longest > self.objective.Td * (1.0 + 1e-9):
+            warnings.warn(
+                f"min_on or min_off of {longest:g} s exceeds Td = {self.objective.Td:g} s: a switch is judged before it "
+                "may be taken back; consider a longer Td",
+                UserWarning,
+                stacklevel=3,
+            )
+
+    def _design(self) -> None:
+        """Rows of theory [4] and the loop's figures."""
+        plant, objective, q = self.plant, self.objective, self.plant.outputs
+        self.relative_degree = self._degrees()
+        self._lam = _check.per("lam", objective.lam, q, "output")
+        self._weight = _check.per("weight", objective.weight, q, "output")
+        self._sliding = prediction.sliding(plant, self._lam, self.relative_degree.tolist())
+        longest = [max(row) for row in self._dwell]
+        self._rows = prediction.endpoint_rows(plant, self._sliding, self.Ts, objective.Td, longest)
+        self._rest = prediction.rest(plant) if objective.tail == "rest" else None
+        self._model = prediction.period_model(plant, self.Ts)
+        for j, row in enumerate(self._rows.hold):
+            scale = np.abs(self._sliding.state).sum(axis=1) * np.abs(plant.B[:, j]).max() * self.Ts
+            if not np.isfinite(row).all():
+                raise ValueError(f"Td = {objective.Td:g} s is too long for this unstable plant; shorten it")
+            if not (np.abs(row[0]) > 1e-14 * scale).any():
+                raise ValueError(
+                    f"input {j + 1} has no effect on the sliding variable at the evaluation instant (h = 0); "
+                    "change Td, lam or the outputs"
+                )
+        gain, lag = prediction.ideal_response(
+            self._model, self._rows, self._sliding, self._rest, plant.C, self._weight, self.Ts
+        )
+        #: Steady ramp error per unit slope of the ideal loop, all derivatives supplied and the reference
+        #: sampled at t_k [s]; float for one output, else (q,). NaN where the DC gain is 0.
+        self.lag = float(lag[0]) if q == 1 else lag
+        #: DC gain of the ideal loop yd -> y; float for one output, else (q, q).
+        self.dc_gain = float(gain[0, 0]) if q == 1 else gain
+
+    def _degrees(self) -> np.ndarray[Any, np.dtype[np.int64]]:
+        given = self.objective.relative_degree
+        if given is not None:
+            values = _check.per("relative_degree", given, self.plant.outputs, "output", least=1.0)
+            if (values > self.plant.states).any() or (values != np.round(values)).any():
+                raise ValueError(f"relative_degree is {given}; give whole numbers from 1 to {self.plant.states}")
+            return values.astype(np.int64)
+        found = prediction.relative_degrees(self.plant)
+        if 0 in found:
+            raise ValueError(
+                f"output {found.index(0) + 1} has no candidate effect (h = 0): no input reaches it; check B and C"
+            )
+        return np.array(found, dtype=np.int64)
+
+    def _sampling(self, preview: bool | str | float) -> Array:
+        """Offsets from t_k at which the reference is sampled, (1,), or (1, q) where outputs differ."""
+        if isinstance(preview, str):
+            if preview != "lag":
+                raise ValueError(f"preview is {preview!r}; give False, True, 'lag' or seconds")
+            lag = np.atleast_1d(self.lag)
+            if not np.isfinite(lag).all():
+                raise ValueError("preview is 'lag', but the loop has no lag (its DC gain is 0); give seconds")
+            return lag[:1] if np.all(lag == lag[0]) else lag[None, :]
+        if isinstance(preview, (bool, np.bool_)):
+            horizon = float(self.plant.input_delay.max()) + self.objective.Td
+            return np.array([horizon if preview else 0.0])
+        return np.array([_check.number("preview", preview)])
+
+    def _core_parts(self) -> tuple[tuple[int, ...], tuple[Any, ...]]:
+        """Sizes and arrays of the core's design, in the order of the binding."""
+        real = REALS[self.real]
+        plant, rows, model, rest = self.plant, self._rows, self._model, self._rest
+        n, m, q, p = plant.states, plant.inputs, plant.outputs, plant.disturbances
+        core = CORES[self.real]
+        depth = max(model.delay) + 1
+        for size, limit, what in (
+            (n, core.MAX_STATES, "states"),
+            (m, core.MAX_INPUTS, "inputs"),
+            (q, core.MAX_OUTPUTS, "outputs"),
+            (p, core.MAX_DISTURBANCES, "disturbances"),
+            (depth * m, core.MAX_LINE, "periods of dead time (times inputs)"),
+        ):
+            if size > limit:
+                raise ValueError(f"plant has {size} {what}; the core holds up to {limit}")
+
+        def reals(values: ArrayLike) -> np.ndarray[Any, Any]:
+            return np.ascontiguousarray(values, dtype=real).ravel()
+
+        def joined(arrays: Sequence[ArrayLike]) -> np.ndarray[Any, Any]:
+            return reals(np.concatenate([np.ravel(a) for a in arrays]))
+
+        exact = np.concatenate(self.levels)
+        # (pending, 1, q) times (levels, 1): each pending command's effect, looked up by its level
+        products = [w[:, None, :] * v[None, :, None] for w, v in zip(rows.pending, self.levels, strict=True)]
+        sizes = (n, m, q, p, self.order, depth, len(self._candidates), self._bad_limit)
+        arrays = (
+            np.array([v.size for v in self.levels], dtype=np.uint8),
+            np.array(model.delay, dtype=np.uint16),
+            np.array([len(h) for h in rows.hold], dtype=np.uint16),
+            exact,
+            reals(exact),
+            self._candidates.ravel(),
+            np.array(self._safe, dtype=np.uint8),
+            reals(rows.state),
+            reals(rows.disturbance),
+            reals(rows.offset),
+            reals(self._sliding.reference),
+            reals(0.5 * self._weight),
+            joined(products),
+            joined(rows.hold),
+            reals(rows.total),
+            reals(rest.reference) if rest else None,
+            reals(rest.disturbance) if rest else None,
+            reals(rest.offset) if rest else None,
+            np.concatenate([np.array(row, dtype=np.uint32) for row in self._dwell]),
+            reals(self._switch_cost),
+            reals(model.transition),
+            reals(model.old),
+            reals(model.new),
+            reals(model.disturbance),
+            reals(model.drift),
+        )
+        return sizes, arrays
+
+    # ---- What the caller must supply ----
+
+    @property
+    def order(self) -> int:
+        """Reference derivatives wanted, the value included."""
+        return int(self._sliding.reference.shape[1])
+
+    @property
+    def evaluations(self) -> int:
+        """Instants at which the reference is wanted."""
+        return 1
+
+    @property
+    def reference_times(self) -> Array:
+        """Their offsets from t_k [s], shape (evaluations,).
+
+        With ``preview="lag"`` and outputs of different lags: shape (evaluations, q).
+        """
+        return self._reference_offset.copy()
+
+    @property
+    def pending_steps(self) -> int:
+        """Commands under way: the longest dead time in periods, rounded up."""
+        return max(self._model.delay)
+
+    # ---- Run time ----
+
+    def reset(self, *, pending: ArrayLike | None = None, elapsed: ArrayLike | None = None) -> None:
+        """Forget the measurements; start from known commands.
+
+        Parameters
+        ----------
+        pending : array_like, shape (rows, m), optional
+            Commands issued but not yet acted on, oldest first, the last one in force; at least
+            `pending_steps` rows. One input: also shape (rows,). Default: the safe level.
+        elapsed : float or array_like, shape (m,), optional
+            Seconds since each input last switched. Default: long ago.
+
+        Raises
+        ------
+        ValueError
+            If a row is missing, is not an allowed command, or a time is negative.
+        """
+        m, depth = self.plant.inputs, self.pending_steps + 1
+        line = np.array([self._safe] * depth, dtype=np.uint8)
+        if pending is not None:
+            values = _check.array("pending", pending)
+            if values.ndim < 2:
+                values = values.reshape(-1, 1) if m == 1 else values.reshape(1, -1)
+            if values.ndim != 2 or values.shape[1] != m or len(values) < self.pending_steps:
+                raise ValueError(
+                    f"pending has shape {np.shape(pending)}; give at least {self.pending_steps} row(s) of {m} level(s)"
+                )
+            given = [level_indices("pending", row, self.levels) for row in values[-depth:]]
+            allowed = {tuple(c) for c in self._candidates.tolist()}
+            for row in given:
+                if tuple(row) not in allowed:
+                    level = [float(v[i]) for v, i in zip(self.levels, row, strict=True)]
+                    raise ValueError(f"pending holds the forbidden command {level}; start from an allowed one")
+            if given:
+                given = [given[0]] * (depth - len(given)) + given
+                line = np.array(given, dtype=np.uint8)
+        wait = np.zeros(m, dtype=np.uint32)
+        if elapsed is not None:
+            since = _check.per("elapsed", elapsed, m, "input", least=0.0)
+            for j in range(m):
+                wait[j] = _check.periods(self._dwell_seconds[j][line[-1, j]] - since[j], self.Ts)
+        self._core.preload(line.ravel(), wait)
+        #: Status of the latest step.
+        self.status = Status.OK
+
+    def step(self, x: ArrayLike, reference: ArrayLike, *, disturbance: ArrayLike | None = None) -> Array:
+        """One switching period: choose and remember the command.
+
+        Parameters
+        ----------
+        x : array_like, shape (n,)
+            Measured state. NaN or infinity is no error: the model's prediction stands in, `status` says so.
+        reference : array_like
+            Canonical shape (evaluations, q, order). Short forms, over all evaluations: a scalar;
+            1-D, (order,) for one output, else (q,); 2-D, (q, order). Missing derivatives are zero.
+        disturbance : array_like, shape (p,), optional
+            Measured w. Default: zero.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            The levels to command until the next step.
+
+        Raises
+        ------
+        ValueError
+            If a shape does not fit or the reference is not finite.
+        """
+        u = np.empty(len(self.levels))
+        status = self._core.step(x, reference, disturbance, u)
+        if status is None:
+            status = self._core.step(*self._canonical(x, reference, disturbance), u)
+        self.status = STATUSES[status]
+        return u
+
+    def decide(self, x: ArrayLike, reference: ArrayLike, *, disturbance: ArrayLike | None = None) -> Decision:
+        """Every candidate with its predicted cost; changes nothing.
+
+        Parameters
+        ----------
+        x, reference, disturbance
+            As in `step`.
+
+        Returns
+        -------
+        Decision
+
+        Raises
+        ------
+        ValueError
+            As in `step`.
+        """
+        costs = np.empty(len(self._candidates))
+        arguments = self._canonical(x, reference, disturbance)
+        candidate, cost, nodes, status = self._core.decide(*arguments, costs)
+        chosen = np.frombuffer(self._core.line(), dtype=np.uint8)[-self.plant.inputs :]
+        if status == Status.SAFE:
+            chosen = np.array(self._safe, dtype=np.uint8)
+        elif candidate < len(costs):
+            chosen = self._candidates[candidate]
+        u = self._values(chosen[None, :])
+        evaluated = nodes > 0
+        return Decision(
+            u[0], cost, self._values(self._candidates), costs, u, nodes, evaluated, 0.0 if evaluated else np.inf,
+            Status(status),
+        )  # fmt: skip
+
+    def _values(self, indices: Any) -> Array:
+        return np.column_stack([values[indices[:, j]] for j, values in enumerate(self.levels)])
+
+    def _canonical(self, x: ArrayLike, reference: ArrayLike, disturbance: ArrayLike | None) -> tuple[Array, Array, Any]:
+        """Arguments in the one form the core takes, or a ValueError."""
+        n, p = self.plant.states, self.plant.disturbances
+        state = self._vector("x", x, n, "measured state")
+        w = np.zeros(p) if disturbance is None else self._vector("disturbance", disturbance, p, "measured disturbance")
+        return state, canonical_reference(reference, self.plant.outputs, self.order), w
+
+    @staticmethod
+    def _vector(name: str, value: ArrayLike, size: int, what: str) -> Array:
+        try:
+            vector = np.ascontiguousarray(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ValueError(f"{name} is {value!r}; give {size} number(s)") from None
+        if vector.shape == (1,) and np.ndim(value) == 0:
+            vector = vector.reshape(1)
+        if vector.shape != (size,):
+            raise ValueError(f"{name} has shape {np.shape(value)}; the {what} has shape ({size},)")
+        return vector
+
+    def copy(self) -> Controller:
+        """A second controller of the same design, in the same state.
+
+        Returns
+        -------
+        Controller
+        """
+        twin = copy.copy(self)
+        twin._core = CORES[self.real].Predictive(*self._parts)
+        twin._core.restore(self._core.save())
+        return twin
+
+    def _history(self) -> Array:
+        """Commands issued, oldest first, shape (pending_steps + 1, m)."""
+        line = np.frombuffer(self._core.line(), dtype=np.uint8)
+        return self._values(line.reshape(-1, self.plant.inputs))
+
+    def __reduce__(self) -> Any:
+        return _rebuild, (self._arguments, self._core.save(), self.status)
+
+    def __repr__(self) -> str:
+        o = self.objective
+        degrees = ", ".join(map(str, self.relative_degree))
+        lines = [f"objective  Endpoint(Td={o.Td}, lam={o.lam}, tail={o.tail!r}), relative degree {degrees}"]
+        for name, levels, delay in zip(self.plant.input_names, self.levels, self._model.delay, strict=True):
+            text = ", ".join(f"{v:g}" for v in levels)
+            lines.append(f"input {name:<4} levels {text} every {self.Ts:g} s, {delay} periods under way")
+        at = ", ".join(f"{v:.4g}" for v in self._reference_offset.ravel())
+        lines.append(f"reference  value and {self.order - 1} derivative(s), sampled at t_k + {at} s")
+        lag = ", ".join(f"{v:.4g}" for v in np.ravel(self.lag))
+        gain = ", ".join(f"{v:.4g}" for v in np.diag(np.atleast_2d(self.dc_gain)))
+        lines.append(f"loop       lag {lag} s, DC gain {gain}, {self.real}")
+        return tree("Controller", lines)
+
+
+STATUSES = tuple(Status)
+
+
+def _rebuild(arguments: dict[str, Any], state: bytes, status: Status) -> Controller:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        controller = Controller(**arguments)
+    controller._core.restore(state)
+    controller.status = status
+    return controller
+
+
+def canonical_reference(reference: ArrayLike, outputs: int, order: int) -> Array:
+    """A reference at one instant as (1, q, order), missing derivatives zero.
+
+    Raises
+    ------
+    ValueError
+        If the shape is none of the short forms, or a value is not finite.
+    """
+    given = _check.array("reference", reference)
+    if given.ndim == 0:
+        given = np.broadcast_to(given, (outputs,))[None, :, None]
+    elif given.ndim == 1:
+        given = given[None, None, :] if outputs == 1 else given[None, :, None]
+    elif given.ndim == 2:
+        given = given[None]
+    if given.ndim != 3 or given.shape[:2] != (1, outputs) or not 1 <= given.shape[2] <= order:
+        raise ValueError(
+            f"reference has shape {np.shape(reference)}; give (1, {outputs}, {order}), that is evaluations, outputs and "
+            "derivatives, or a short form"
+        )
+    result = np.zeros((1, outputs, order))
+    result[..., : given.shape[2]] = given
+    return result

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Array", "array", "matrix", "names", "number", "per", "periods"]
+__all__ = ["Array", "array", "matrix", "names", "number", "per", "periods", "vector"]
 
 Array = NDArray[np.float64]
 
@@ -33,6 +33,8 @@ def number(name: str, value: Any, *, above: float | None = None, least: float | 
 def array(name: str, value: ArrayLike, shape: tuple[int, ...] | None = None) -> Array:
     """A finite float64 array, of ``shape`` if given, own memory and read-only."""
     try:
+        if value is None:
+            raise TypeError
         result = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise ValueError(f"{name} is {value!r}; give numbers in a rectangular array") from None
@@ -41,6 +43,19 @@ def array(name: str, value: ArrayLike, shape: tuple[int, ...] | None = None) -> 
     if not np.isfinite(result).all():
         raise ValueError(f"{name} holds NaN or infinity; give finite numbers")
     result.flags.writeable = False
+    return result
+
+
+def vector(name: str, value: ArrayLike, size: int, what: str) -> Array:
+    """A measured vector: NaN and infinity pass, a wrong shape does not. A number counts as a vector of one."""
+    try:
+        if value is None:
+            raise TypeError
+        result = np.ascontiguousarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} is {value!r}; give {size} number(s)") from None
+    if result.shape != (size,):  # ascontiguousarray has made a number a vector
+        raise ValueError(f"{name} has shape {np.shape(value)}; the {what} has shape ({size},)")
     return result
 
 

@@ -29,12 +29,13 @@ def read_columns(path: str | Path, names: Sequence[str | None]) -> list[Array]:
     """
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file) if row]
+            reader = csv.reader(file)
+            rows = [(reader.line_num, row) for row in reader if row]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f"{path} cannot be read ({error}); give a CSV file in UTF-8") from None
     if len(rows) < 2:
         raise ValueError(f"{path} has {len(rows)} row(s); give a header row and at least one row of numbers")
-    header = [cell.strip() for cell in rows[0]]
+    header = [cell.strip() for cell in rows[0][1]]
     if all(_is_number(cell) for cell in header):
         raise ValueError(f"{path} starts with numbers; give a header row that names the columns")
     positions = []
@@ -47,12 +48,12 @@ def read_columns(path: str | Path, names: Sequence[str | None]) -> list[Array]:
             missing = f"column {name!r}" if name is not None else f"column {i + 1}"
             raise ValueError(f"{path} has no {missing}; {nearest(str(name), header)}")
     columns = np.empty((len(names), len(rows) - 1))
-    for r, row in enumerate(rows[1:]):
+    for r, (line, row) in enumerate(rows[1:]):
         for c, position in enumerate(positions):
             cell = row[position].strip() if position < len(row) else ""
             if not _is_number(cell) or not math.isfinite(float(cell)):
                 raise ValueError(
-                    f"{path}, row {r + 2}, column {header[position]!r} holds {cell!r}; give a finite number in every cell"
+                    f"{path}, line {line}, column {header[position]!r} holds {cell!r}; give a finite number in every cell"
                 )
             columns[c, r] = float(cell)
     return list(columns)

@@ -1,10 +1,20 @@
-"""Files written whole or not at all."""
+"""Files and folders written whole or not at all."""
 
 import os
+import shutil
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["write_whole"]
+__all__ = ["whole_folder", "write_whole"]
+
+
+def _mode(base: int) -> int:
+    """Permissions a plainly created file would have."""
+    umask = os.umask(0)
+    os.umask(umask)
+    return base & ~umask
 
 
 def write_whole(path: str | Path, content: str | bytes) -> None:
@@ -15,10 +25,39 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(name, 0o666 & ~umask)
+        os.chmod(name, _mode(0o666))
         os.replace(name, target)
     except BaseException:
         os.unlink(name)
         raise
+
+
+@contextmanager
+def whole_folder(path: str | Path) -> Iterator[Path]:
+    """A temporary folder whose files move to ``path`` when the block ends well, and vanish when it does not.
+
+    Files of the same name are replaced, others are left alone.
+
+    Raises
+    ------
+    ValueError
+        If the folder cannot be made.
+    """
+    target = Path(path).resolve()
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if target.exists() and not target.is_dir():
+            raise FileExistsError(17, "it is a file")
+        work = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+    except OSError as error:
+        raise ValueError(f"{path} cannot be written ({error.strerror}); give another folder") from None
+    try:
+        yield work
+        if not target.exists():
+            os.chmod(work, _mode(0o777))
+            os.replace(work, target)
+        else:
+            for file in sorted(work.iterdir()):
+                os.replace(file, target / file.name)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)

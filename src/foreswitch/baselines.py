@@ -66,6 +66,8 @@ class Baseline(ABC):
         safe_level: float | None = None,
         preview: float = 0.0,
     ) -> None:
+        if not isinstance(plant, Plant):
+            raise ValueError(f"plant is a {type(plant).__name__}; give a Plant")
         if plant.inputs != 1 or plant.outputs != 1:
             raise ValueError(
                 f"plant has {plant.inputs} input(s) and {plant.outputs} output(s); a baseline takes one of each"
@@ -108,8 +110,9 @@ class Baseline(ABC):
         ndarray, shape (1,)
         """
         u = np.empty(1)
-        state = np.ascontiguousarray(x, dtype=np.float64)
-        w = np.zeros(self.plant.disturbances) if disturbance is None else np.ascontiguousarray(disturbance, dtype=float)
+        n, p = self.plant.states, self.plant.disturbances
+        state = _check.vector("x", x, n, "measured state")
+        w = np.zeros(p) if disturbance is None else _check.vector("disturbance", disturbance, p, "measured disturbance")
         self._core.step(state, canonical_reference(reference, 1, self.order), w, u)
         return u
 
@@ -216,6 +219,16 @@ class SmithPWM(PIPWM):
     """`PIPWM` on a Smith predictor: the error is taken ahead of the dead time by a model in parallel.
 
     Classical, and for stable or integrating plants only: both models run open loop.
+
+    Parameters
+    ----------
+    plant, levels, Ts, **options
+        See `PIPWM`.
+
+    Raises
+    ------
+    ValueError
+        If the plant is unstable.
     """
 
     KIND = 2
@@ -228,7 +241,20 @@ class SmithPWM(PIPWM):
 
 @dataclass(frozen=True)
 class Tuned:
-    """A baseline with the best parameters found, and how they were found."""
+    """A baseline with the best parameters found, and how they were found.
+
+    Attributes
+    ----------
+    law : Baseline
+        At its start.
+    parameters : dict of str to float
+    run : Run
+        The task under it.
+    rms_error : float
+        Of that run.
+    evaluations : int
+        Closed-loop runs spent.
+    """
 
     law: Baseline
     parameters: dict[str, float]

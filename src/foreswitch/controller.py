@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import itertools
 import warnings
 from collections.abc import Sequence
@@ -85,15 +84,15 @@ class Decision:
 
 def input_levels(levels: Any, inputs: int) -> list[Array]:
     """Per input, its ascending levels."""
-    nested = isinstance(levels, (list, tuple)) and len(levels) > 0 and np.ndim(levels[0]) > 0
-    given = list(levels) if nested or np.ndim(levels) > 1 else [levels]
+    nested = isinstance(levels, (list, tuple)) and any(np.ndim(item) > 0 for item in levels)
+    given = list(levels) if nested or getattr(levels, "ndim", 1) > 1 else [levels]
     if len(given) != inputs:
         raise ValueError(f"levels lists {len(given)} input(s); the plant has {inputs}, give one list of levels for each")
     result = []
     for j, item in enumerate(given):
         values = _check.array(f"levels of input {j + 1}", item)
         if values.ndim != 1 or not 2 <= values.size <= 255:
-            raise ValueError(f"levels of input {j + 1} are {np.asarray(item).tolist()}; give 2 to 255 levels")
+            raise ValueError(f"levels of input {j + 1} have shape {values.shape}; give 2 to 255 levels in a row")
         if (np.diff(values) <= 0).any():
             raise ValueError(f"levels of input {j + 1} are {values.tolist()}; they must ascend")
         result.append(values)
@@ -121,12 +120,19 @@ def safe_indices(safe_level: ArrayLike | None, levels: list[Array]) -> list[int]
     return level_indices("safe_level", safe_level, levels)
 
 
+#: Periods that the core counts in 32 bits, and in 16.
+LONGEST_DWELL, LONGEST_HOLD = 2**32 - 1, 2**16 - 1
+
+
 def dwell_periods(
     levels: list[Array], safe: list[int], min_on: ArrayLike, min_off: ArrayLike, Ts: float
 ) -> tuple[list[list[int]], list[list[float]]]:
     """Shortest run at each level of each input, in periods and in seconds: off is the safe level, on any other."""
     on = _check.per("min_on", min_on, len(levels), "input", least=0.0)
     off = _check.per("min_off", min_off, len(levels), "input", least=0.0)
+    longest = float(max(on.max(), off.max()))
+    if longest / Ts > LONGEST_DWELL:
+        raise ValueError(f"min_on or min_off is {longest:g} s; at most {LONGEST_DWELL} periods of Ts = {Ts:g} can be counted")
     seconds = [[float(off[j] if i == safe[j] else on[j]) for i in range(v.size)] for j, v in enumerate(levels)]
     return [[max(1, _check.periods(s, Ts)) for s in row] for row in seconds], seconds
 
@@ -217,7 +223,7 @@ class Controller:
         self.levels = input_levels(levels, plant.inputs)
         if objective.Td < self.Ts * (1.0 - 1e-9):
             raise ValueError(f"Td is {objective.Td:g}; it must be at least one switching period Ts = {self.Ts:g}")
-        if not 1 <= int(bad_limit) <= 65535:
+        if not 1 <= _check.number("bad_limit", bad_limit) <= 65535 or bad_limit != int(bad_limit):
             raise ValueError(f"bad_limit is {bad_limit}; give 1 to 65535 samples")
         self._safe = safe_indices(safe_level, self.levels)
         self._dwell, self._dwell_seconds = dwell_periods(self.levels, self._safe, min_on, min_off, self.Ts)
@@ -225,6 +231,7 @@ class Controller:
         self._candidates = self._allowed(forbidden)
         self._bad_limit = 0 if safe_level is None else int(bad_limit)
         self._warn_of_short_horizon()
+        self._check_sizes()
         self._design()
         self._reference_offset = self._sampling(preview)
         self._parts = self._core_parts()
@@ -235,7 +242,7 @@ class Controller:
 
     def _allowed(self, forbidden: Sequence[ArrayLike]) -> Array:
         """Level indices of the candidates, shape (p, m), in lexicographic order."""
-        if np.ndim(forbidden) == 0:
+        if isinstance(forbidden, str) or not isinstance(forbidden, (Sequence, np.ndarray)):
             raise ValueError(f"forbidden is {forbidden!r}; give a list of commands")
         no = {tuple(level_indices("forbidden", command, self.levels)) for command in forbidden}
         count = int(np.prod([values.size for values in self.levels], dtype=np.float64))
@@ -259,6 +266,23 @@ class Controller:
                 UserWarning,
                 stacklevel=3,
             )
+
+    def _check_sizes(self) -> None:
+        """What the core can hold; before the design, which would take as long as it is large."""
+        plant, core = self.plant, CORES[self.real]
+        longest = float(plant.input_delay.max())
+        depth = _check.periods(longest, self.Ts) + 1
+        reach = min(max(map(max, self._dwell)), _check.periods(longest + self.objective.Td, self.Ts))
+        for size, limit, what in (
+            (plant.states, core.MAX_STATES, "states"),
+            (plant.inputs, core.MAX_INPUTS, "inputs"),
+            (plant.outputs, core.MAX_OUTPUTS, "outputs"),
+            (plant.disturbances, core.MAX_DISTURBANCES, "disturbances"),
+            (depth * plant.inputs, min(core.MAX_LINE, LONGEST_HOLD), "periods of dead time (times inputs)"),
+            (reach, LONGEST_HOLD, "periods of dwell within the horizon"),
+        ):
+            if size > limit:
+                raise ValueError(f"plant has {size} {what}; the core holds up to {limit}, perhaps with a longer Ts")
 
     def _design(self) -> None:
         """Rows of theory [4] and the loop's figures."""
@@ -322,18 +346,7 @@ class Controller:
         real = REALS[self.real]
         plant, rows, model, rest = self.plant, self._rows, self._model, self._rest
         n, m, q, p = plant.states, plant.inputs, plant.outputs, plant.disturbances
-        core = CORES[self.real]
         depth = max(model.delay) + 1
-        for size, limit, what in (
-            (n, core.MAX_STATES, "states"),
-            (m, core.MAX_INPUTS, "inputs"),
-            (q, core.MAX_OUTPUTS, "outputs"),
-            (p, core.MAX_DISTURBANCES, "disturbances"),
-            (depth * m, core.MAX_LINE, "periods of dead time (times inputs)"),
-        ):
-            if size > limit:
-                raise ValueError(f"plant has {size} {what}; the core holds up to {limit}")
-
         def reals(values: ArrayLike) -> np.ndarray[Any, Any]:
             return np.ascontiguousarray(values, dtype=real).ravel()
 
@@ -512,21 +525,9 @@ class Controller:
     def _canonical(self, x: ArrayLike, reference: ArrayLike, disturbance: ArrayLike | None) -> tuple[Array, Array, Any]:
         """Arguments in the one form the core takes, or a ValueError."""
         n, p = self.plant.states, self.plant.disturbances
-        state = self._vector("x", x, n, "measured state")
-        w = np.zeros(p) if disturbance is None else self._vector("disturbance", disturbance, p, "measured disturbance")
+        state = _check.vector("x", x, n, "measured state")
+        w = np.zeros(p) if disturbance is None else _check.vector("disturbance", disturbance, p, "measured disturbance")
         return state, canonical_reference(reference, self.plant.outputs, self.order), w
-
-    @staticmethod
-    def _vector(name: str, value: ArrayLike, size: int, what: str) -> Array:
-        try:
-            vector = np.ascontiguousarray(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise ValueError(f"{name} is {value!r}; give {size} number(s)") from None
-        if vector.shape == (1,) and np.ndim(value) == 0:
-            vector = vector.reshape(1)
-        if vector.shape != (size,):
-            raise ValueError(f"{name} has shape {np.shape(value)}; the {what} has shape ({size},)")
-        return vector
 
     def copy(self) -> Controller:
         """A second controller of the same design, in the same state.
@@ -535,7 +536,8 @@ class Controller:
         -------
         Controller
         """
-        twin = copy.copy(self)
+        twin = object.__new__(Controller)
+        twin.__dict__.update(self.__dict__)  # the design is shared: copy.copy would compute it anew
         twin._core = CORES[self.real].Predictive(*self._parts)
         twin._core.restore(self._core.save())
         return twin

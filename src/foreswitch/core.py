@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from types import ModuleType
 from typing import Any
 
@@ -16,6 +17,7 @@ CORES: dict[str, ModuleType] = {"float64": _core_float64, "float32": _core_float
 REALS: dict[str, type[np.floating[Any]]] = {"float64": np.float64, "float32": np.float32}
 
 
+@lru_cache(maxsize=64)
 def core_plant(plant: Plant, Ts: float, real: str) -> tuple[Any, int]:
     """A plant in the form the C loop steps (always in double), and its longest dead time in periods."""
     model = prediction.period_model(plant, Ts)

@@ -62,6 +62,10 @@ class Run:
         Reference at ``t``.
     cost, nodes, status : ndarray, shape (K,)
         Predicted cost of the chosen command, candidates evaluated, `Status`.
+    plant : Plant
+        The simulated truth.
+    safe_level : ndarray, shape (m,)
+        The level at which each input counts as off.
     """
 
     t: Array
@@ -204,6 +208,12 @@ def measured_state(model: Plant, truth: Plant) -> Array | None:
 
     count = -(-model.states // model.outputs)
     observed = derivatives(model, count)
+    for name, plant in (("plant", truth), ("the controller's model", model)):
+        if count > 1 and (np.abs(derivatives(plant, count - 1) @ plant.B) > 0).any():
+            raise ValueError(
+                f"plant has {truth.states} states and the controller's model {model.states}, and a derivative of the output "
+                f"of {name} jumps with the input; give sensor, the matrix from one state to the other"
+            )
     if np.linalg.matrix_rank(observed) < model.states:
         raise ValueError(
             f"plant has {truth.states} states and the controller's model {model.states}, which its outputs do not "
@@ -295,7 +305,10 @@ def simulate(
         mapping = measured_state(model, truth)
     else:
         mapping = np.ascontiguousarray(_check.matrix("sensor", sensor, model.states, n))
-    rng = np.random.default_rng(seed)
+    try:
+        rng = np.random.default_rng(seed)
+    except (TypeError, ValueError):
+        raise ValueError(f"seed is {seed!r}; give a whole number >= 0") from None
     added = None
     if noise is not None:
         deviation = _check.per("noise", noise, model.states, "measured state", least=0.0)

@@ -136,7 +136,7 @@ class Plant:
         return Plant(**(keep | changes))
 
     @classmethod
-    def from_tf(cls, num: ArrayLike, den: ArrayLike, *, input_delay: float = 0.0, **names: Any) -> Plant:
+    def from_tf(cls, num: ArrayLike, den: ArrayLike, *, input_delay: ArrayLike = 0.0, **names: Any) -> Plant:
         """From one transfer function, coefficients in descending powers of s.
 
         Without zeros the states are y, y', y'', ...; with zeros they are those of the controllable
@@ -160,8 +160,11 @@ class Plant:
         ValueError
             If the transfer function has direct feedthrough, or a polynomial is zero.
         """
-        b = np.trim_zeros(np.atleast_1d(_check.array("num", num)).ravel(), "f")
-        a = np.trim_zeros(np.atleast_1d(_check.array("den", den)).ravel(), "f")
+        for name, polynomial in (("num", num), ("den", den)):
+            if np.ndim(polynomial) > 1:
+                raise ValueError(f"{name} has shape {np.shape(polynomial)}; give one polynomial, see Plant.from_control")
+        b = np.trim_zeros(np.atleast_1d(_check.array("num", num)), "f")
+        a = np.trim_zeros(np.atleast_1d(_check.array("den", den)), "f")
         if a.size == 0 or b.size == 0:
             raise ValueError(f"{'den' if a.size == 0 else 'num'} is zero; give at least one non-zero coefficient")
         n = a.size - 1
@@ -197,7 +200,7 @@ class Plant:
         Plant
         """
         K, T = _check.number("K", K), _check.number("T", T, above=0.0)
-        return cls([[-1.0 / T]], [[K / T]], input_delay=_check.number("L", L), **names)
+        return cls([[-1.0 / T]], [[K / T]], input_delay=_check.number("L", L, least=0.0), **names)
 
     @classmethod
     def integrator_lag(cls, k: float, c: float, L: float, **names: Any) -> Plant:
@@ -219,7 +222,8 @@ class Plant:
         Plant
         """
         k, c = _check.number("k", k), _check.number("c", c, above=0.0)
-        return cls([[0.0, 1.0], [0.0, -1.0 / c]], [[0.0], [k / c]], input_delay=_check.number("L", L), **names)
+        L = _check.number("L", L, least=0.0)
+        return cls([[0.0, 1.0], [0.0, -1.0 / c]], [[0.0], [k / c]], input_delay=L, **names)
 
     @classmethod
     def from_control(cls, sys: Any, *, input_delay: ArrayLike = 0.0, **names: Any) -> Plant:
@@ -260,9 +264,9 @@ class Plant:
         if hasattr(sys, "num") and hasattr(sys, "den"):
             num, den = sys.num, sys.den
             if not isinstance(num, list) and not (isinstance(num, np.ndarray) and num.dtype == object):
-                return cls.from_tf(num, den, input_delay=float(np.asarray(input_delay)), **names)
+                return cls.from_tf(num, den, input_delay=input_delay, **names)
             if len(num) == 1 and len(num[0]) == 1:
-                return cls.from_tf(num[0][0], den[0][0], input_delay=float(np.asarray(input_delay)), **names)
+                return cls.from_tf(num[0][0], den[0][0], input_delay=input_delay, **names)
             return cls._from_tf_matrix(num, den, input_delay, names)
         raise ValueError(f"sys is a {type(sys).__name__}; give a python-control or scipy.signal system")
 

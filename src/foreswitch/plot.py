@@ -75,3 +75,9 @@ def time_plot(
     if title:
         fig.suptitle(title, fontsize=10)
     return fig
+
+
+def duration_text(seconds: float) -> str:
+    """A duration in the unit its time axis would have."""
+    factor, label = time_scale(seconds)
+    return f"{seconds * factor:g} {label.split('[')[1].rstrip(']')}"

@@ -9,6 +9,7 @@ two integrals from zero, which would cancel for unstable plants.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import comb
 
 import numpy as np
@@ -188,8 +189,9 @@ class PeriodModel:
     delay: list[int]  # per input, periods rounded up
 
 
+@lru_cache(maxsize=64)
 def period_model(plant: Plant, Ts: float) -> PeriodModel:
-    """The plant from one switching instant to the next, exactly."""
+    """The plant from one switching instant to the next, exactly. Kept: searches run one plant many times."""
     A, B, m = plant.A, plant.B, plant.inputs
     phi, gamma = transition(A, np.hstack([B, plant.E]), Ts)
     load, disturbance = gamma[:, :m].T, gamma[:, m:]

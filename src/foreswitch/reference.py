@@ -178,7 +178,7 @@ def _table(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
     later = np.flatnonzero(np.diff(times) <= 0)
     if later.size:
         i = int(later[0])
-        raise ValueError(f"t goes from {times[i]:g} to {times[i + 1]:g} at row {i + 2}; times must ascend")
+        raise ValueError(f"t goes from {times[i]:g} to {times[i + 1]:g} at sample {i + 2}; times must ascend")
     return times, values
 
 
@@ -263,6 +263,32 @@ class Samples(_Piecewise):
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
 
+    @classmethod
+    def read_csv_columns(cls, path: str | Path, outputs: int) -> Reference:
+        """One reference per output from a CSV file: time, then one column each.
+
+        Parameters
+        ----------
+        path : path
+        outputs : int
+            Number of outputs.
+
+        Returns
+        -------
+        Reference
+
+        Raises
+        ------
+        ValueError
+            As `read_csv`.
+        """
+        times, *values = read_columns(path, [None] * (outputs + 1))
+        try:
+            parts = [cls(times, column) for column in values]
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+        return parts[0] if outputs == 1 else Stack(*parts)
+
     def __repr__(self) -> str:
         return f"Samples({self.t.size} samples, {self.t[0]:g} to {self.t[-1]:g} s, kind={self.kind!r})"
 
@@ -327,8 +353,10 @@ def sample(reference: Callable[..., ArrayLike] | ArrayLike, t: Array, outputs: i
         if given.ndim in (1, 2):
             given = given[:, None, None] if given.ndim == 1 else given[:, :, None]
     else:
-        given = np.broadcast_to(np.atleast_1d(_check.array("reference", reference)), (t.size, outputs or np.size(reference)))
-        given = given[:, :, None]
+        constant = np.atleast_1d(_check.array("reference", reference))
+        if constant.ndim > 1 or constant.size not in (1, outputs or constant.size):
+            raise ValueError(f"reference has shape {constant.shape}; give one number or one per output ({outputs})")
+        given = np.broadcast_to(constant[None, :, None], (t.size, outputs or constant.size, 1))
     if given.ndim != 3 or given.shape[0] != t.size or outputs not in (None, given.shape[1]) or given.shape[2] < 1:
         want = "outputs" if outputs is None else outputs
         raise ValueError(f"reference returned shape {given.shape} for {t.size} times; give ({t.size}, {want}, order)")

@@ -1,0 +1,153 @@
+"""Command line. Exit code 0: done; 1: ran, but failed; 2: bad usage or bad input, one line on stderr."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from foreswitch._files import whole_folder, write_whole
+from foreswitch.demo import hot_gas_file, run_demo
+from foreswitch.project import Project
+from foreswitch.reference import Samples
+from foreswitch.report import metric_table, run_report
+
+__all__ = ["main"]
+
+app = typer.Typer(
+    name="foreswitch",
+    help="Predictive control of actuators that can only switch and act after a dead time.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+Out = Annotated[Path, typer.Option("--out", help="Folder to write to; made if missing.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON for machines instead of a table.")]
+ProjectFile = Annotated[Path, typer.Argument(metavar="PROJECT.toml", help="Project file; see 'foreswitch init'.")]
+
+
+@app.command(epilog="Example: foreswitch demo --out demo")
+def demo(out: Out = Path("foreswitch-demo"), as_json: Json = False) -> None:
+    """Track a trajectory on the hot-gas example, beside what people use today."""
+    console = Console(stderr=True)
+    begun = time.perf_counter()
+    with whole_folder(out) as folder, console.status("hot gas") as status:
+        result = run_demo(lambda what: status.update(what))
+        result.report.write(folder)
+        runs = result.tracking | {name: best.run for name, best in result.tuned.items()}
+        runs |= {f"{frequency:g} Hz with vent": run for frequency, run in result.cyclic.items()}
+        for name, run in runs.items():
+            run.to_csv(folder / f"{_slug(name)}.csv")
+        summary = {name: _plain(run.metrics()) for name, run in runs.items()}
+        write_whole(folder / "metrics.json", _json(summary))
+    if as_json:
+        print(_json(summary))
+        return
+    _print_table("Hot gas, half-period sinusoid", metric_table(result.tracking, "kPa"))
+    _print_table("Tuned baselines, same task", metric_table({n: b.run for n, b in result.tuned.items()}, "kPa"))
+    _print_table("Cyclic, with a proportional vent", metric_table(
+        {f"{frequency:g} Hz": run for frequency, run in result.cyclic.items()}, "kPa"))  # fmt: skip
+    print(f"{out / 'report.html'} and pictures, traces beside it ({time.perf_counter() - begun:.1f} s)")
+
+
+@app.command(epilog="Example: foreswitch init my_valve")
+def init(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for project.toml; made if missing.")]) -> None:
+    """Write a commented project file to start from."""
+    target = folder / "project.toml"
+    if target.exists():
+        raise ValueError(f"{target} exists; give another folder, or remove it first")
+    with whole_folder(folder) as work:
+        write_whole(work / "project.toml", hot_gas_file().read_bytes())
+    print(f"{target}: edit it, then 'foreswitch simulate {target}'")
+
+
+@app.command(epilog="Example: foreswitch simulate project.toml --reference reference.csv --out run")
+def simulate(
+    project: ProjectFile,
+    reference: Annotated[
+        Path | None, typer.Option("--reference", help="CSV with a header row: time, then one column per output.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for report, pictures and trace.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Run a project's closed loop and report on it."""
+    setup = Project.read(project)
+    followed: Any = setup.reference
+    if reference is not None:
+        followed = Samples.read_csv_columns(reference, setup.plant.outputs)
+    run = setup.simulate(reference=followed)
+    summary = _plain(run.metrics())
+    if out is not None:
+        with whole_folder(out) as folder:
+            run_report(project.stem, run, setup.controller).write(folder)
+            run.to_csv(folder / "run.csv")
+            write_whole(folder / "metrics.json", _json(summary))
+    if as_json:
+        print(_json(summary))
+        return
+    _print_table(str(project), metric_table({"this run": run}))
+    if out is not None:
+        print(f"{out / 'report.html'}, pictures and trace beside it")
+
+
+def _slug(name: str) -> str:
+    words = "".join(c if c.isalnum() or c == "." else " " for c in name.lower()).split()
+    return "_".join(words).replace(".", "p")
+
+
+def _plain(metrics: dict[str, Any]) -> dict[str, Any]:
+    return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in metrics.items()}
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, indent=2) + "\n"
+
+
+def _print_table(title: str, content: Any) -> None:
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False, padding=(0, 3, 0, 0))
+    for i, head in enumerate(content.heads):
+        table.add_column(escape(head), no_wrap=i == 0, justify="left" if i == 0 else "right")
+    for row in content.rows:
+        table.add_row(*map(escape, row))
+    console = Console()
+    console.print(table)
+    console.print()
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point of the ``foreswitch`` command; exits the process.
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        Default: the process's own.
+    """
+    try:
+        code = app(args=arguments, standalone_mode=False)
+    except ValueError as error:
+        sys.exit(_complain(str(error)))
+    except OSError as error:
+        sys.exit(_complain(f"{error.filename} cannot be used ({error.strerror}); give another path"))
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except Exception as error:
+        # typer's own usage errors carry their exit code; anything else is a defect and shows its traceback
+        if not hasattr(error, "format_message"):
+            raise
+        sys.exit(_complain(error.format_message()))
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _complain(sentence: str) -> int:
+    print("foreswitch: " + " ".join(sentence.split()), file=sys.stderr)
+    return 2

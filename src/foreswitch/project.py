@@ -1,0 +1,375 @@
+"""Project files: one TOML file holds plant, actuator, controller, reference and simulation."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from foreswitch._check import Array
+from foreswitch._text import nearest
+from foreswitch.controller import Controller
+from foreswitch.loop import Run, simulate
+from foreswitch.objective import Endpoint
+from foreswitch.plant import Plant
+from foreswitch.reference import HalfSine, Ramp, Reference, Samples, Sine, Stack, Steps, sample
+
+__all__ = ["Project"]
+
+Vector = list[float]
+Matrix = list[list[float]]
+Key = Field  # one line per key: default, then what it means
+
+
+class Table(BaseModel):
+    """A TOML table; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    def given(self, *names: str) -> dict[str, Any]:
+        """The keys that were set, as arguments."""
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+
+class Choice(Table):
+    """A table one of whose keys decides which others are needed."""
+
+    BY: ClassVar[str]
+    #: Choice -> keys it needs, keys it may have besides.
+    USES: ClassVar[dict[str, tuple[tuple[str, ...], tuple[str, ...]]]]
+    ALWAYS: ClassVar[tuple[str, ...]] = ()
+
+    def arguments(self, table: str) -> dict[str, Any]:
+        """The keys that go with the choice."""
+        choice = getattr(self, self.BY)
+        needed, optional = self.USES[choice]
+        for name in needed:
+            if getattr(self, name) is None:
+                raise ValueError(f"[{table}] has no key {name!r}, which {self.BY} = {choice!r} needs; add it")
+        surplus = self.model_fields_set - {self.BY, *needed, *optional, *self.ALWAYS}
+        if surplus:
+            raise ValueError(
+                f"[{table}] has key {min(surplus)!r}, which {self.BY} = {choice!r} does not use; remove it"
+            )
+        return self.given(*needed, *optional)
+
+
+class PlantTable(Choice):
+    """[plant], [simulation.plant]"""
+
+    BY = "model"
+    USES = {
+        "integrator_lag": (("k", "c"), ()),
+        "fopdt": (("K", "T"), ()),
+        "transfer_function": (("num", "den"), ()),
+        "state_space": (("A", "B"), ()),
+    }
+    ALWAYS = ("C", "E", "input_delay", "u_offset", "y_offset", "input_names", "output_names")
+
+    model: Literal["integrator_lag", "fopdt", "transfer_function", "state_space"] = Key(
+        description="form of the plant; decides which of the next keys are needed"
+    )
+    k: float | None = Key(None, description="integrator_lag: slope of y at full input [unit of y / s]")
+    c: float | None = Key(None, description="integrator_lag: lag [s]")
+    K: float | None = Key(None, description="fopdt: gain [unit of y]")
+    T: float | None = Key(None, description="fopdt: time constant [s]")
+    num: Vector | None = Key(None, description="transfer_function: numerator, descending powers of s")
+    den: Vector | None = Key(None, description="transfer_function: denominator, descending powers of s")
+    A: Matrix | None = Key(None, description="state_space: state matrix [1/s]")
+    B: Matrix | None = Key(None, description="state_space: input matrix")
+    C: Matrix | None = Key(None, description="output matrix; default the first state")
+    E: Matrix | None = Key(None, description="entry of the measured disturbance; default none")
+    input_delay: float | Vector = Key(0.0, description="dead time [s], one for all inputs or one each")
+    u_offset: float | Vector | None = Key(None, description="operating point of the input(s)")
+    y_offset: float | Vector | None = Key(None, description="operating point of the output(s)")
+    input_names: list[str] | None = Key(None, description='names, with their unit: "valve [-]"')
+    output_names: list[str] | None = Key(None, description='names, with their unit: "pressure [kPa]"')
+
+    def build(self, table: str = "plant") -> Plant:
+        """The plant."""
+        arguments = self.arguments(table)
+        build: dict[str, Callable[..., Plant]] = {
+            "integrator_lag": lambda k, c: Plant.integrator_lag(k, c, 0.0),
+            "fopdt": lambda K, T: Plant.fopdt(K, T, 0.0),
+            "transfer_function": Plant.from_tf,
+            "state_space": Plant,
+        }
+        return build[self.model](**arguments).replace(**self.given(*self.ALWAYS))
+
+
+class ActuatorTable(Table):
+    """[actuator]"""
+
+    levels: Vector | Matrix = Key(description="what each input can do, ascending; a list of lists for several inputs")
+    Ts: float = Key(description="switching period [s]")
+    min_on: float | Vector = Key(0.0, description="shortest time at a level other than the safe one [s]")
+    min_off: float | Vector = Key(0.0, description="shortest time at the safe level [s]")
+    switch_cost: float | Vector = Key(0.0, description="added to the cost of a command for each input it changes")
+    forbidden: list[float | Vector] = Key([], description="combinations of levels that must never be commanded")
+    safe_level: float | Vector | None = Key(None, description="commanded after bad_limit bad measurements; default never")
+
+
+class ControllerTable(Table):
+    """[controller]"""
+
+    Td: float = Key(description="settling horizon after the dead time [s], at least Ts")
+    lam: float | Vector = Key(description="bandwidth of the sliding variable [rad/s], one for all outputs or one each")
+    tail: Literal["rest", "zero"] = Key("rest", description="input assumed after the candidate")
+    weight: float | Vector = Key(1.0, description="weight of each output")
+    relative_degree: int | list[int] | None = Key(None, description="of each output; default found numerically")
+    preview: bool | Literal["lag"] | float = Key(
+        False, description='reference sampled: false now, true at the evaluation instant, "lag", or seconds ahead'
+    )
+    bad_limit: int = Key(10, description="bad measurements in a row that force the safe level")
+    real: Literal["float64", "float32"] = Key("float64", description="arithmetic of the core")
+
+
+class ReferenceTable(Choice):
+    """[reference], or [[reference]] for each output"""
+
+    BY = "kind"
+    USES = {
+        "constant": (("value",), ()),
+        "half_sine": (("height", "duration"), ("start", "offset")),
+        "sine": (("amplitude", "frequency"), ("phase", "offset")),
+        "ramp": (("slope",), ("start", "offset")),
+        "steps": (("times", "values"), ()),
+        "samples": (("file",), ("time", "value", "between")),
+    }
+
+    kind: Literal["constant", "half_sine", "sine", "ramp", "steps", "samples"] = Key(
+        description="decides which of the next keys are used"
+    )
+    value: float | str | None = Key(None, description="constant: value; samples: name of the value column")
+    height: float | None = Key(None, description="half_sine: rise from trough to crest [unit of y]")
+    duration: float | None = Key(None, description="half_sine: length of the half period [s]")
+    amplitude: float | None = Key(None, description="sine: amplitude [unit of y]")
+    frequency: float | None = Key(None, description="sine: frequency [Hz]")
+    phase: float | None = Key(None, description="sine: phase [rad]")
+    slope: float | None = Key(None, description="ramp: slope [unit of y / s]")
+    start: float | None = Key(None, description="half_sine, ramp: when it begins [s]")
+    offset: float | None = Key(None, description="half_sine, sine, ramp: added to all values [unit of y]")
+    times: Vector | None = Key(None, description="steps: when each value begins [s]")
+    values: Vector | None = Key(None, description="steps: the values [unit of y]")
+    file: str | None = Key(None, description="samples: CSV file with a header row, relative to the project file")
+    time: str | None = Key(None, description="samples: name of the time column; default the first")
+    between: Literal["pchip", "linear", "hold"] | None = Key(None, description="samples: the curve between them")
+
+    def build(self, folder: Path) -> Reference:
+        """The reference of one output."""
+        arguments = self.arguments("reference")
+        if self.kind == "samples":
+            path = folder / arguments.pop("file")
+            kind = arguments.pop("between", "pchip")
+            return Samples.read_csv(path, kind=kind, **arguments)
+        if self.kind == "constant":
+            if isinstance(self.value, str):
+                raise ValueError(f"[reference] value is {self.value!r}; give a number")
+            return Steps([0.0], [self.value])
+        build: dict[str, Callable[..., Reference]] = {"half_sine": HalfSine, "sine": Sine, "ramp": Ramp, "steps": Steps}
+        return build[self.kind](**arguments)
+
+
+class Valve(Table):
+    """A measured disturbance that opens on demand."""
+
+    gain: float = Key(description="w per unit of y - yd (first output)")
+    low: float = Key(0.0, description="smallest w")
+    high: float = Key(description="largest w")
+    deadband: float = Key(0.0, description="y - yd up to which it stays shut")
+    feedforward: float = Key(0.0, description="share of the reference's fall -yd' that is added")
+
+    def law(self, reference: Callable[..., ArrayLike], truth: Plant) -> Callable[[float, Array], Array]:
+        """``(t, x) -> w`` for `foreswitch.simulate`."""
+
+        def flow(t: float, x: Array) -> Array:
+            value, slope = sample(reference, np.array([t]), truth.outputs, 2)[0, 0]
+            excess = float(truth.C[0] @ x + truth.y_offset[0]) - value
+            beyond = np.sign(excess) * max(abs(excess) - self.deadband, 0.0)
+            return np.clip([self.gain * beyond - self.feedforward * slope], self.low, self.high)
+
+        return flow
+
+
+class SimulationTable(Table):
+    """[simulation]"""
+
+    duration: float = Key(description="length of the run [s]")
+    x0: Vector | None = Key(None, description="initial state; default zero")
+    noise: float | Vector | None = Key(None, description="standard deviation of the measured states")
+    seed: int | None = Key(None, description="of the noise; without one, each run differs")
+    disturbance: float | Vector | Valve | None = Key(
+        None, description="measured w: constant, or a table: a valve that opens with gain * (y - yd)"
+    )
+    load: float | Vector | None = Key(None, description="unmeasured, added to the input(s)")
+    plant: PlantTable | None = Key(None, description="the truth, where it differs from the model; keys as in [plant]")
+
+
+class File(Table):
+    """A whole project file."""
+
+    plant: PlantTable
+    actuator: ActuatorTable
+    controller: ControllerTable
+    reference: ReferenceTable | list[ReferenceTable]
+    simulation: SimulationTable
+
+
+class Project:
+    """Everything a project file says, ready to run.
+
+    Parameters
+    ----------
+    content : dict
+        The file's tables.
+    folder : path
+        What its paths are relative to.
+
+    Raises
+    ------
+    ValueError
+        If a key is unknown, missing or of the wrong type, or a value does not fit.
+    """
+
+    def __init__(self, content: dict[str, Any], folder: str | Path = ".") -> None:
+        try:
+            self.file = File.model_validate(content)
+        except ValidationError as error:
+            raise ValueError(_sentence(error, content)) from None
+        self.plant = self.file.plant.build()
+        self.controller = self.build_controller()
+        tables = self.file.reference if isinstance(self.file.reference, list) else [self.file.reference]
+        parts = [table.build(Path(folder)) for table in tables]
+        if len(parts) != self.plant.outputs:
+            raise ValueError(f"[reference] stands {len(parts)} time(s); the plant has {self.plant.outputs} output(s)")
+        truth = self.file.simulation.plant
+        self.truth = truth.build("simulation.plant") if truth else self.plant
+        self.reference: Reference = parts[0] if len(parts) == 1 else Stack(*parts)
+
+    @classmethod
+    def read(cls, path: str | Path) -> Project:
+        """From a TOML file.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        Project
+
+        Raises
+        ------
+        ValueError
+            As `Project`, or if the file cannot be read.
+        """
+        try:
+            content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
+            raise ValueError(f"{path} cannot be read ({reason}); give a project file, see 'foreswitch init'") from None
+        except tomllib.TOMLDecodeError as error:
+            raise ValueError(f"{path} is not valid TOML ({error}); correct that line") from None
+        try:
+            return cls(content, Path(path).parent)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+
+    def build_controller(self, **changes: Any) -> Controller:
+        """The controller, with some settings changed.
+
+        Parameters
+        ----------
+        **changes
+            ``plant``, any key of [actuator] or [controller].
+
+        Returns
+        -------
+        Controller
+        """
+        actuator, controller = self.file.actuator, self.file.controller
+        settings = actuator.model_dump() | controller.model_dump() | {"plant": self.plant}
+        unknown = sorted(changes.keys() - settings.keys())
+        if unknown:
+            raise ValueError(f"{unknown[0]!r} is no setting of a controller; {nearest(unknown[0], settings)}")
+        settings |= changes
+        objective = {name: settings.pop(name) for name in ("Td", "lam", "tail", "weight", "relative_degree")}
+        return Controller(objective=Endpoint(**objective), **settings)
+
+    def simulate(
+        self, controller: Any = None, reference: Callable[..., ArrayLike] | None = None, **changes: Any
+    ) -> Run:
+        """One closed-loop run.
+
+        Parameters
+        ----------
+        controller : Controller or a baseline, optional
+            Default: the project's.
+        reference : callable, optional
+            Default: the project's.
+        **changes
+            Arguments of `foreswitch.simulate` that replace those of [simulation].
+
+        Returns
+        -------
+        Run
+        """
+        table, reference = self.file.simulation, reference or self.reference
+        settings: dict[str, Any] = table.given("duration", "x0", "noise", "seed", "load")
+        settings["plant"] = self.truth
+        settings |= changes
+        valve = table.disturbance
+        settings.setdefault("disturbance", valve.law(reference, settings["plant"]) if isinstance(valve, Valve) else valve)
+        return simulate(controller or self.controller, reference, settings.pop("duration"), **settings)
+
+
+def _sentence(error: ValidationError, content: dict[str, Any]) -> str:
+    """One complaint in one sentence, its place in the words of the file."""
+    # a union reports every branch that failed; an unknown or missing key says most
+    ranks = {"extra_forbidden": 0, "missing": 1}
+    detail = min(error.errors(include_url=False), key=lambda item: ranks.get(item["type"], 2))
+    path, value, table = [], content, File
+    for part in detail["loc"]:
+        if isinstance(value, dict) and part in value:
+            value = value[part]
+            path.append(str(part))
+            table = SUBTABLES.get(str(part), table)
+        elif isinstance(part, int) and isinstance(value, list):
+            value = value[part]
+    key = str(detail["loc"][-1])
+    if detail["type"] == "missing":
+        return f"[{'.'.join(path)}] has no key {key!r}; add it" if path else f"table [{key}] is missing; add it"
+    place = f"[{'.'.join(path[:-1])}]" if path[:-1] else "the file"
+    if detail["type"] == "extra_forbidden":
+        return f"{place} has an unknown {'key' if path[:-1] else 'table'} {key!r}; {nearest(key, table.model_fields)}"
+    while path and path[-1] not in table.model_fields:
+        path.pop()
+    if not path or path[-1] in SUBTABLES:
+        meaning = "give a table"
+    elif detail["type"] == "literal_error":
+        meaning = f"give {detail['ctx']['expected']}"
+    else:
+        meaning = f"it holds: {table.model_fields[path[-1]].description}"
+    return f"{'.'.join(path)} is {_at(content, path)!r}; {meaning}"
+
+
+SUBTABLES: dict[str, type[Table]] = {
+    "plant": PlantTable,
+    "actuator": ActuatorTable,
+    "controller": ControllerTable,
+    "reference": ReferenceTable,
+    "simulation": SimulationTable,
+    "disturbance": Valve,
+}
+
+
+def _at(content: Any, path: list[str]) -> Any:
+    for key in path:
+        content = content[0] if isinstance(content, list) else content
+        content = content[key]
+    return content

@@ -1,0 +1,131 @@
+"""A self-contained HTML report, with its figures beside it as PNG and SVG."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from foreswitch import plot
+from foreswitch._files import write_whole
+from foreswitch.controller import Status
+from foreswitch.loop import Run
+
+__all__ = ["Picture", "Report", "Section", "Table", "run_report"]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure under the file name it is saved as, with what it shows."""
+
+    name: str
+    figure: Figure
+    caption: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under headings; the first column names the row."""
+
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading, paragraphs, then tables and pictures."""
+
+    heading: str
+    text: Sequence[str] = ()
+    tables: Sequence[Table] = ()
+    pictures: Sequence[Picture] = ()
+    code: str = ""
+
+
+@dataclass(frozen=True)
+class Report:
+    """A title, what it is about, and sections."""
+
+    title: str
+    lead: str
+    sections: Sequence[Section] = field(default_factory=tuple)
+
+    def write(self, folder: Path) -> None:
+        """Write ``report.html`` and each picture as PNG and SVG into an existing folder."""
+        drawings: dict[str, Markup] = {}
+        for section in self.sections:
+            for picture in section.pictures:
+                image = _saved(picture.figure, "png")
+                drawing = _saved(picture.figure, "svg")
+                write_whole(folder / f"{picture.name}.png", image)
+                write_whole(folder / f"{picture.name}.svg", drawing)
+                # inside HTML the drawing goes without its XML prologue
+                text = drawing.decode()
+                drawings[picture.name] = Markup(text[text.index("<svg") :])
+        write_whole(folder / "report.html", self._html(drawings))
+
+    def _html(self, drawings: dict[str, Markup]) -> str:
+        text = files("foreswitch").joinpath("templates/report.html").read_text(encoding="utf-8")
+        template = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+        return template.from_string(text).render(report=self, drawings=drawings)
+
+
+def _saved(figure: Figure, kind: str) -> bytes:
+    """The same bytes each time: no date, no random identifiers."""
+    buffer = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "foreswitch"}):
+        figure.savefig(buffer, format=kind, dpi=150, metadata={"Date": None} if kind == "svg" else {"Software": None})
+    return buffer.getvalue()
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A figure for a table."""
+    return f"{value:.{digits}g}" if abs(value) < 1e4 else f"{value:.0f}"
+
+
+def metric_table(runs: dict[str, Run], unit: str = "") -> Table:
+    """Figures of merit, one run a row; several outputs or inputs are listed in their order."""
+    in_unit = f" [{unit}]" if unit else ""
+    heads = ["", f"rms error{in_unit}", f"largest error{in_unit}", "lag [ms]", f"rms at that lag{in_unit}", "switches"]
+    rows = []
+    for name, run in runs.items():
+        m = run.metrics()
+
+        def text(key: str, factor: float = 1.0, m: dict[str, Any] = m) -> str:
+            values = m[key] if hasattr(m[key], "__len__") else [m[key]]
+            return ", ".join(number(float(v) * factor) for v in values)
+
+        rows.append([name, text("rms_error"), text("max_error"), text("lag", 1e3), text("rms_error_at_lag"),
+                     text("switches")])  # fmt: skip
+    return Table(heads, rows)
+
+
+def status_table(run: Run) -> Table:
+    """How often each status came up, and what to do about it."""
+    counts = [(status, int((run.status == status).sum())) for status in Status]
+    rows = [[status.name, str(count), status.remedy] for status, count in counts if count]
+    return Table(["status", "periods", "meaning"], rows)
+
+
+def run_report(name: str, run: Run, controller: Any) -> Report:
+    """One run: picture, figures, statuses and the controller's own summary."""
+    sections = [
+        Section(
+            "Run",
+            pictures=[Picture("run", run.plot(), "Output over its reference; commands as they are issued.")],
+            tables=[metric_table({"this run": run})],
+        ),
+        Section("Status", tables=[status_table(run)]),
+        Section("Controller", code=repr(controller)),
+        Section("Plant", code=repr(run.plant)),
+    ]
+    return Report(name, f"Closed loop over {plot.duration_text(float(run.t[-1]))}, {run.u.shape[0]} decisions.", sections)

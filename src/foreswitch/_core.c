@@ -237,8 +237,9 @@ static PyObject *predictive_new(PyTypeObject *type, PyObject *args, PyObject *ke
 
 static int is_finite(double v) { return v - v == 0; }
 
-/* One-dimensional doubles into `to`; -1: not of that form (no error set), else how many, at most `most`. */
-static Py_ssize_t read_vector(PyObject *object, fsw_real *to, Py_ssize_t most, int dimensions)
+/* Doubles into `to`; -1: not of that form, or not finite where that is asked for (no error set), else how many, at most
+ * `most`. What is finite in double and not in fsw_real passes: the core judges it. */
+static Py_ssize_t read_array(PyObject *object, fsw_real *to, Py_ssize_t most, int dimensions, int finite)
 {
     Py_buffer view;
     if (!PyObject_CheckBuffer(object)) return -1;
@@ -246,7 +247,11 @@ static Py_ssize_t read_vector(PyObject *object, fsw_real *to, Py_ssize_t most, i
     Py_ssize_t count = -1;
     if (view.format && view.format[0] == 'd' && view.format[1] == 0 && view.ndim == dimensions && view.len <= 8 * most) {
         count = view.len / 8;
-        for (Py_ssize_t i = 0; i < count; i++) to[i] = (fsw_real)((const double *)view.buf)[i];
+        const double *from = view.buf;
+        for (Py_ssize_t i = 0; i < view.len / 8; i++) {
+            if (finite && !is_finite(from[i])) count = -1;
+            to[i] = (fsw_real)from[i];
+        }
     }
     PyBuffer_Release(&view);
     return count;
@@ -258,22 +263,21 @@ static int read_arguments(Predictive *self, PyObject *x, PyObject *reference, Py
 {
     const Law *base = &self->base;
     fsw_real *to = self->core.buffer, *r = to + base->measured, *v = r + base->reference_width;
-    if (read_vector(x, to, base->measured, 1) != (Py_ssize_t)base->measured) return 0;
+    if (read_array(x, to, base->measured, 1, 0) != (Py_ssize_t)base->measured) return 0;
     Py_ssize_t given = 0;
     if (PyFloat_Check(reference)) {
-        const fsw_real value = (fsw_real)PyFloat_AsDouble(reference);
-        for (uint32_t i = 0; i < base->reference_width; i++) r[i] = i % base->order == 0 ? value : 0;
+        const double value = PyFloat_AsDouble(reference);
+        if (!is_finite(value)) return 0;
+        for (uint32_t i = 0; i < base->reference_width; i++) r[i] = i % base->order == 0 ? (fsw_real)value : 0;
         given = base->reference_width;
     } else {
-        if (base->outputs == 1) given = read_vector(reference, r, base->reference_width, 1);
-        if (given <= 0 && (given = read_vector(reference, r, base->reference_width, 3)) != base->reference_width) return 0;
+        if (base->outputs == 1) given = read_array(reference, r, base->reference_width, 1, 1);
+        if (given <= 0 && (given = read_array(reference, r, base->reference_width, 3, 1)) != base->reference_width) return 0;
         for (Py_ssize_t i = given; i < base->reference_width; i++) r[i] = 0;
     }
-    for (uint32_t i = 0; i < base->reference_width; i++)
-        if (!is_finite((double)r[i])) return 0;
     if (w == Py_None)
         for (uint32_t i = 0; i < base->disturbances; i++) v[i] = 0;
-    else if (read_vector(w, v, base->disturbances, 1) != (Py_ssize_t)base->disturbances)
+    else if (read_array(w, v, base->disturbances, 1, 0) != (Py_ssize_t)base->disturbances)
         return 0;
     return 1;
 }
@@ -468,7 +472,8 @@ static PyObject *run(PyObject *module, PyObject *args)
     const Law *law = (Law *)law_object;
     const fsw_plant *p = &((Plant *)plant_object)->plant;
     if (first < 0 || first > last || last > steps || history < (Py_ssize_t)((Plant *)plant_object)->longest ||
-        p->inputs != law->inputs || p->outputs != law->outputs || p->disturbances != law->disturbances)
+        p->inputs != law->inputs || p->outputs != law->outputs ||
+        (law->disturbances > 0 && p->disturbances != law->disturbances))
         return PyErr_SetString(PyExc_ValueError, "the run's sizes contradict each other"), NULL;
     const Py_ssize_t n = p->states, m = p->inputs, q = p->outputs, d = p->disturbances, z = law->measured;
     fsw_record r = {.measured = law->measured, .reference_width = law->reference_width};

@@ -52,9 +52,8 @@ def read_columns(path: str | Path, names: Sequence[str | None]) -> list[Array]:
         for c, position in enumerate(positions):
             cell = row[position].strip() if position < len(row) else ""
             if not _is_number(cell) or not math.isfinite(float(cell)):
-                raise ValueError(
-                    f"{path}, line {line}, column {header[position]!r} holds {cell!r}; give a finite number in every cell"
-                )
+                where = f"{path}, line {line}, column {header[position]!r}"
+                raise ValueError(f"{where} holds {cell!r}; give a finite number in every cell")
             columns[c, r] = float(cell)
     return list(columns)
 

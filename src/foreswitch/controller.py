@@ -41,8 +41,8 @@ REMEDIES = {
     Status.COASTING: "A measurement was not finite and the model's prediction stood in for it. Check the sensor.",
     Status.HELD: "There was no usable measurement yet, or the reference was not finite, and the present command was "
     "kept. Give one finite measurement and a finite reference.",
-    Status.SAFE: "The safe level was commanded after bad_limit bad samples in a row. Repair the sensor; control resumes "
-    "with the first finite measurement.",
+    Status.SAFE: "The safe level was commanded after bad_limit bad samples in a row. Repair the sensor; control "
+    "resumes with the first finite measurement.",
 }
 
 
@@ -87,7 +87,7 @@ def input_levels(levels: Any, inputs: int) -> list[Array]:
     nested = isinstance(levels, (list, tuple)) and any(np.ndim(item) > 0 for item in levels)
     given = list(levels) if nested or getattr(levels, "ndim", 1) > 1 else [levels]
     if len(given) != inputs:
-        raise ValueError(f"levels lists {len(given)} input(s); the plant has {inputs}, give one list of levels for each")
+        raise ValueError(f"levels lists {len(given)} input(s); the plant has {inputs}, give one list for each")
     result = []
     for j, item in enumerate(given):
         values = _check.array(f"levels of input {j + 1}", item)
@@ -132,7 +132,7 @@ def dwell_periods(
     off = _check.per("min_off", min_off, len(levels), "input", least=0.0)
     longest = float(max(on.max(), off.max()))
     if longest / Ts > LONGEST_DWELL:
-        raise ValueError(f"min_on or min_off is {longest:g} s; at most {LONGEST_DWELL} periods of Ts = {Ts:g} can be counted")
+        raise ValueError(f"min_on or min_off is {longest:g} s; it must be at most 2^32 - 1 periods of Ts = {Ts:g} s")
     seconds = [[float(off[j] if i == safe[j] else on[j]) for i in range(v.size)] for j, v in enumerate(levels)]
     return [[max(1, _check.periods(s, Ts)) for s in row] for row in seconds], seconds
 
@@ -213,11 +213,11 @@ class Controller:
             raise ValueError(f"objective is {objective!r}; give an Endpoint")
         if real not in CORES:
             raise ValueError(f"real is {real!r}; {nearest(str(real), CORES)}")
-        self._arguments = dict(
-            plant=plant, levels=levels, Ts=Ts, objective=objective, min_on=min_on, min_off=min_off,
-            switch_cost=switch_cost, forbidden=forbidden, preview=preview, safe_level=safe_level, bad_limit=bad_limit,
-            real=real,
-        )  # fmt: skip
+        self._arguments = {
+            "plant": plant, "levels": levels, "Ts": Ts, "objective": objective, "min_on": min_on, "min_off": min_off,
+            "switch_cost": switch_cost, "forbidden": forbidden, "preview": preview, "safe_level": safe_level,
+            "bad_limit": bad_limit, "real": real,
+        }  # fmt: skip
         self.plant, self.objective, self.real = plant, objective, real
         self.Ts = _check.number("Ts", Ts, above=0.0)
         self.levels = input_levels(levels, plant.inputs)
@@ -261,8 +261,8 @@ class Controller:
         longest = max(max(row) for row in self._dwell_seconds)
         if longest > self.objective.Td * (1.0 + 1e-9):
             warnings.warn(
-                f"min_on or min_off of {longest:g} s exceeds Td = {self.objective.Td:g} s: a switch is judged before it "
-                "may be taken back; consider a longer Td",
+                f"min_on or min_off of {longest:g} s exceeds Td = {self.objective.Td:g} s: a switch is judged before "
+                "it may be taken back; consider a longer Td",
                 UserWarning,
                 stacklevel=3,
             )
@@ -594,8 +594,8 @@ def canonical_reference(reference: ArrayLike, outputs: int, order: int) -> Array
         given = given[None]
     if given.ndim != 3 or given.shape[:2] != (1, outputs) or not 1 <= given.shape[2] <= order:
         raise ValueError(
-            f"reference has shape {np.shape(reference)}; give (1, {outputs}, {order}), that is evaluations, outputs and "
-            "derivatives, or a short form"
+            f"reference has shape {np.shape(reference)}; give (1, {outputs}, {order}), that is evaluations, outputs "
+            "and derivatives, or a short form"
         )
     result = np.zeros((1, outputs, order))
     result[..., : given.shape[2]] = given

@@ -211,8 +211,8 @@ def measured_state(model: Plant, truth: Plant) -> Array | None:
     for name, plant in (("plant", truth), ("the controller's model", model)):
         if count > 1 and (np.abs(derivatives(plant, count - 1) @ plant.B) > 0).any():
             raise ValueError(
-                f"plant has {truth.states} states and the controller's model {model.states}, and a derivative of the output "
-                f"of {name} jumps with the input; give sensor, the matrix from one state to the other"
+                f"plant has {truth.states} states and the controller's model {model.states}, and a derivative of the "
+                f"output of {name} jumps with the input; give sensor, the matrix from one state to the other"
             )
     if np.linalg.matrix_rank(observed) < model.states:
         raise ValueError(

@@ -162,7 +162,7 @@ class Plant:
         """
         for name, polynomial in (("num", num), ("den", den)):
             if np.ndim(polynomial) > 1:
-                raise ValueError(f"{name} has shape {np.shape(polynomial)}; give one polynomial, see Plant.from_control")
+                raise ValueError(f"{name} has shape {np.shape(polynomial)}; give one polynomial, or use from_control")
         b = np.trim_zeros(np.atleast_1d(_check.array("num", num)), "f")
         a = np.trim_zeros(np.atleast_1d(_check.array("den", den)), "f")
         if a.size == 0 or b.size == 0:

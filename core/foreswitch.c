@@ -16,7 +16,8 @@ static fsw_validity check(const fsw_design *d)
     if (d->states > FSW_MAX_STATES || d->inputs > FSW_MAX_INPUTS || d->outputs > FSW_MAX_OUTPUTS ||
         d->disturbances > FSW_MAX_DISTURBANCES || (uint32_t)d->rows * d->inputs > FSW_MAX_LINE)
         return FSW_TOO_LARGE;
-    if (d->states == 0 || d->inputs == 0 || d->outputs == 0 || d->order == 0 || d->candidates == 0) return FSW_INCONSISTENT;
+    if (d->states == 0 || d->inputs == 0 || d->outputs == 0 || d->order == 0 || d->candidates == 0)
+        return FSW_INCONSISTENT;
     uint32_t level = 0;
     for (uint16_t j = 0; j < d->inputs; j++) {
         if (d->level_count[j] == 0 || d->holds[j] == 0 || d->pending[j] >= d->rows) return FSW_INCONSISTENT;
@@ -110,8 +111,8 @@ static void coast(const fsw_design *d, const fsw_state *s, fsw_real *x)
 }
 
 /* Fill x and w with what the prediction shall start from. */
-static fsw_status observe(const fsw_design *d, const fsw_state *s, const fsw_real *measured, const fsw_real *disturbance,
-                          fsw_real *x, fsw_real *w)
+static fsw_status observe(const fsw_design *d, const fsw_state *s, const fsw_real *measured,
+                          const fsw_real *disturbance, fsw_real *x, fsw_real *w)
 {
     fsw_status status = FSW_OK;
     if (d->disturbances > 0 && !take(w, disturbance, d->disturbances)) {
@@ -140,8 +141,8 @@ static int finite(const fsw_real *values, uint32_t count)
 
 /* ---- Prediction: the free part of the sliding variable, and the tail ---- */
 
-static void predict(const fsw_design *d, const fsw_state *s, const fsw_real *x, const fsw_real *reference, const fsw_real *w,
-                    fsw_real *free, fsw_real *tail)
+static void predict(const fsw_design *d, const fsw_state *s, const fsw_real *x, const fsw_real *reference,
+                    const fsw_real *w, fsw_real *free, fsw_real *tail)
 {
     const uint16_t n = d->states, q = d->outputs, p = d->disturbances, order = d->order;
     const fsw_real *levels = d->levels;
@@ -246,7 +247,8 @@ static fsw_decision decide(const fsw_design *d, const fsw_state *s, fsw_status o
     fsw_decision decision = {FSW_OK, 0, 0, 0};
     decision.status = finite(reference, (uint32_t)d->outputs * d->order) ? observed : FSW_HELD;
     decision.candidate = d->candidates;
-    if (decision.status != FSW_OK && d->bad_limit > 0 && (uint32_t)s->bad + 1 >= d->bad_limit) decision.status = FSW_SAFE;
+    if (decision.status != FSW_OK && d->bad_limit > 0 && (uint32_t)s->bad + 1 >= d->bad_limit)
+        decision.status = FSW_SAFE;
     if (decision.status == FSW_HELD || decision.status == FSW_SAFE) {
         for (uint16_t i = 0; costs && i < d->candidates; i++) costs[i] = infinity();
         return decision;

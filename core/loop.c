@@ -39,7 +39,8 @@ void fsw_plant_output(const fsw_plant *p, const double *x, double *y)
     for (uint32_t o = 0; o < p->outputs; o++) y[o] = p->output_zero[o] + dot(p->output + o * p->states, x, p->states);
 }
 
-fsw_verdict fsw_predictive_step(fsw_law *law, const double *measured, const double *reference, const double *w, double *u)
+fsw_verdict fsw_predictive_step(fsw_law *law, const double *measured, const double *reference, const double *w,
+                                double *u)
 {
     fsw_predictive *self = (fsw_predictive *)law;
     const fsw_design *d = &self->design;

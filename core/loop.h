@@ -34,7 +34,8 @@ typedef struct {
 
 /* Any law: measured state, reference [outputs][order] and w in, levels u [inputs] out. */
 typedef struct fsw_law {
-    fsw_verdict (*step)(struct fsw_law *law, const double *measured, const double *reference, const double *w, double *u);
+    fsw_verdict (*step)(struct fsw_law *law, const double *measured, const double *reference, const double *w,
+                        double *u);
 } fsw_law;
 
 /* The core as a law. `buffer` holds states + outputs * order + disturbances + inputs values, used when
@@ -47,7 +48,8 @@ typedef struct {
     fsw_state state;
 } fsw_predictive;
 
-fsw_verdict fsw_predictive_step(fsw_law *law, const double *measured, const double *reference, const double *w, double *u);
+fsw_verdict fsw_predictive_step(fsw_law *law, const double *measured, const double *reference, const double *w,
+                                double *u);
 
 /* A run's arrays, row k belonging to t_k. x and y have one row more than the others; u has
  * `history` rows before row 0, at least the plant's longest delay. Null: absent. */

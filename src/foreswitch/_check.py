@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["Array", "array", "matrix", "names", "number", "per", "periods", "vector"]
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 #: A time counts as a whole number of periods within this many periods (0.3 / 0.1 = 2.9999...).
 PERIOD_TOLERANCE = 1e-9

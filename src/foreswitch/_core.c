@@ -44,11 +44,12 @@ static int attach(views *v, PyObject *object, const char *name, char type, Py_ss
     if (optional && object == Py_None) return 1;
     if (v->count == MAX_VIEWS) return PyErr_SetString(PyExc_SystemError, "too many arrays"), 0;
     Py_buffer *view = &v->view[v->count];
-    if (PyObject_GetBuffer(object, view, PyBUF_FORMAT | PyBUF_C_CONTIGUOUS | (writable ? PyBUF_WRITABLE : 0)) < 0) return 0;
+    if (PyObject_GetBuffer(object, view, PyBUF_FORMAT | PyBUF_C_CONTIGUOUS | (writable ? PyBUF_WRITABLE : 0)) < 0)
+        return 0;
     v->count++;
     if (view->format == NULL || view->format[0] != type || view->format[1] != 0 || view->len != count * width(type)) {
-        PyErr_Format(PyExc_ValueError, "%s holds %zd bytes of type '%s'; %zd items of type '%c' are needed", name, view->len,
-                     view->format ? view->format : "B", count, type);
+        PyErr_Format(PyExc_ValueError, "%s holds %zd bytes of type '%s'; %zd items of type '%c' are needed", name,
+                     view->len, view->format ? view->format : "B", count, type);
         return 0;
     }
     *(void **)pointer = view->buf;
@@ -113,10 +114,14 @@ static PyObject *plant_new(PyTypeObject *type, PyObject *args, PyObject *keyword
     c->states = n, c->inputs = m, c->outputs = q, c->disturbances = p;
     const Py_ssize_t N = n, M = m, Q = q, P = p;
     const slot slots[] = {
-        {"transition", 'd', N * N, 0, 0, &c->transition},   {"input_old", 'd', M * N, 0, 0, &c->input_old},
-        {"input_new", 'd', M * N, 0, 0, &c->input_new},     {"input_load", 'd', M * N, 0, 0, &c->input_load},
-        {"disturbance", 'd', N * P, 0, 0, &c->disturbance}, {"drift", 'd', N, 0, 0, &c->drift},
-        {"delay", 'I', M, 0, 0, &c->delay},                 {"output", 'd', Q * N, 0, 0, &c->output},
+        {"transition", 'd', N * N, 0, 0, &c->transition},
+        {"input_old", 'd', M * N, 0, 0, &c->input_old},
+        {"input_new", 'd', M * N, 0, 0, &c->input_new},
+        {"input_load", 'd', M * N, 0, 0, &c->input_load},
+        {"disturbance", 'd', N * P, 0, 0, &c->disturbance},
+        {"drift", 'd', N, 0, 0, &c->drift},
+        {"delay", 'I', M, 0, 0, &c->delay},
+        {"output", 'd', Q * N, 0, 0, &c->output},
         {"output_zero", 'd', Q, 0, 0, &c->output_zero},
     };
     if (!attach_all(&self->views, arrays, slots, COUNT(slots))) return Py_DECREF(self), NULL;
@@ -162,14 +167,21 @@ static PyObject *predictive_new(PyTypeObject *type, PyObject *args, PyObject *ke
     (void)keywords;
     unsigned short n, m, q, p, order, rows, candidates, bad_limit;
     PyObject *arrays;
-    if (!PyArg_ParseTuple(args, "(HHHHHHHH)O", &n, &m, &q, &p, &order, &rows, &candidates, &bad_limit, &arrays)) return NULL;
+    if (!PyArg_ParseTuple(args, "(HHHHHHHH)O", &n, &m, &q, &p, &order, &rows, &candidates, &bad_limit, &arrays))
+        return NULL;
     Predictive *self = (void *)PyType_GenericAlloc(type, 0) /* zeroed */;
     if (!self) return NULL;
     views *v = &self->base.views;
     fsw_predictive *core = &self->core;
     fsw_design *d = &core->design;
-    const fsw_design sizes = {.states = n, .inputs = m, .outputs = q, .disturbances = p, .order = order, .rows = rows,
-                              .candidates = candidates, .bad_limit = bad_limit};
+    const fsw_design sizes = {.states = n,
+                              .inputs = m,
+                              .outputs = q,
+                              .disturbances = p,
+                              .order = order,
+                              .rows = rows,
+                              .candidates = candidates,
+                              .bad_limit = bad_limit};
     *d = sizes;
     const Py_ssize_t N = n, M = m, Q = q, P = p;
     /* these three give the sizes of the others */
@@ -245,7 +257,8 @@ static Py_ssize_t read_array(PyObject *object, fsw_real *to, Py_ssize_t most, in
     if (!PyObject_CheckBuffer(object)) return -1;
     if (PyObject_GetBuffer(object, &view, PyBUF_FORMAT | PyBUF_C_CONTIGUOUS) < 0) return PyErr_Clear(), -1;
     Py_ssize_t count = -1;
-    if (view.format && view.format[0] == 'd' && view.format[1] == 0 && view.ndim == dimensions && view.len <= 8 * most) {
+    if (view.format && view.format[0] == 'd' && view.format[1] == 0 && view.ndim == dimensions &&
+        view.len <= 8 * most) {
         count = view.len / 8;
         const double *from = view.buf;
         for (Py_ssize_t i = 0; i < view.len / 8; i++) {
@@ -272,7 +285,8 @@ static int read_arguments(Predictive *self, PyObject *x, PyObject *reference, Py
         given = base->reference_width;
     } else {
         if (base->outputs == 1) given = read_array(reference, r, base->reference_width, 1, 1);
-        if (given <= 0 && (given = read_array(reference, r, base->reference_width, 3, 1)) != base->reference_width) return 0;
+        if (given <= 0 && (given = read_array(reference, r, base->reference_width, 3, 1)) != base->reference_width)
+            return 0;
         for (Py_ssize_t i = given; i < base->reference_width; i++) r[i] = 0;
     }
     if (w == Py_None)
@@ -318,7 +332,8 @@ static PyObject *predictive_decide(PyObject *object, PyObject *const *args, Py_s
     const fsw_decision decision = fsw_decide(d, &self->core.state, x, r, w, self->decision_costs);
     for (uint16_t i = 0; i < d->candidates; i++) costs[i] = (double)self->decision_costs[i];
     release(&v);
-    return Py_BuildValue("idii", (int)decision.candidate, (double)decision.cost, (int)decision.nodes, (int)decision.status);
+    return Py_BuildValue("idii", (int)decision.candidate, (double)decision.cost, (int)decision.nodes,
+                         (int)decision.status);
 }
 
 /* preload(line, wait): commands under way and running dwell */
@@ -372,7 +387,8 @@ static PyObject *predictive_restore(PyObject *object, PyObject *bytes)
     char *from;
     Py_ssize_t size;
     if (PyBytes_AsStringAndSize(bytes, &from, &size) < 0) return NULL;
-    if (size != state_size(self)) return PyErr_SetString(PyExc_ValueError, "the saved state is of another design"), NULL;
+    if (size != state_size(self))
+        return PyErr_SetString(PyExc_ValueError, "the saved state is of another design"), NULL;
     memcpy(&self->core.state, from, (size_t)size);
     Py_RETURN_NONE;
 }
@@ -394,8 +410,8 @@ static PyObject *baseline_new(PyTypeObject *type, PyObject *args, PyObject *keyw
     int kind;
     unsigned int order, safe, carrier;
     double period, hysteresis, deadband, lead, kp, ki, kd, kf, bias;
-    if (!PyArg_ParseTuple(args, "iO!OOOIId(ddd)(dddddI)", &kind, plant_type, &plant, &rate, &levels, &dwell, &order, &safe,
-                          &period, &hysteresis, &deadband, &lead, &kp, &ki, &kd, &kf, &bias, &carrier))
+    if (!PyArg_ParseTuple(args, "iO!OOOIId(ddd)(dddddI)", &kind, plant_type, &plant, &rate, &levels, &dwell, &order,
+                          &safe, &period, &hysteresis, &deadband, &lead, &kp, &ki, &kd, &kf, &bias, &carrier))
         return NULL;
     Baseline *self = (void *)PyType_GenericAlloc(type, 0) /* zeroed */;
     if (!self) return NULL;
@@ -407,11 +423,13 @@ static PyObject *baseline_new(PyTypeObject *type, PyObject *args, PyObject *keyw
     const Py_ssize_t count = PyObject_Size(levels);
     views *v = &self->base.views;
     if (count < 0 || !attach(v, rate, "rate", 'd', n, 0, 0, &c->rate) ||
-        !attach(v, levels, "levels", 'd', count, 0, 0, &c->levels) || !attach(v, dwell, "dwell", 'I', count, 0, 0, &c->dwell))
+        !attach(v, levels, "levels", 'd', count, 0, 0, &c->levels) ||
+        !attach(v, dwell, "dwell", 'I', count, 0, 0, &c->dwell))
         return Py_DECREF(self), NULL;
     if (c->plant->inputs != 1 || c->plant->outputs != 1 || n > FSW_MAX_STATES || count < 2 || safe >= (size_t)count ||
         order < 1 || carrier < 1) {
-        PyErr_SetString(PyExc_ValueError, "a baseline takes one input, one output, two levels or more and a carrier >= 1");
+        PyErr_SetString(PyExc_ValueError,
+                        "a baseline takes one input, one output, two levels or more and a carrier >= 1");
         return Py_DECREF(self), NULL;
     }
     c->kind = (fsw_baseline_kind)kind;
@@ -465,7 +483,8 @@ static PyObject *run(PyObject *module, PyObject *args)
     (void)module;
     PyObject *law_object, *plant_object, *arrays;
     Py_ssize_t steps, history, first, last;
-    if (!PyArg_ParseTuple(args, "OO!nnOnn", &law_object, plant_type, &plant_object, &steps, &history, &arrays, &first, &last))
+    if (!PyArg_ParseTuple(args, "OO!nnOnn", &law_object, plant_type, &plant_object, &steps, &history, &arrays, &first,
+                          &last))
         return NULL;
     if (Py_TYPE(law_object) != predictive_type && Py_TYPE(law_object) != baseline_type)
         return PyErr_SetString(PyExc_TypeError, "law must be a Predictive or a Baseline"), NULL;
@@ -541,7 +560,8 @@ static PyType_Slot baseline_slots[] = {
 static PyType_Spec plant_spec = {"foreswitch." MODULE ".Plant", sizeof(Plant), 0, Py_TPFLAGS_DEFAULT, plant_slots};
 static PyType_Spec predictive_spec = {"foreswitch." MODULE ".Predictive", sizeof(Predictive), 0, Py_TPFLAGS_DEFAULT,
                                       predictive_slots};
-static PyType_Spec baseline_spec = {"foreswitch." MODULE ".Baseline", sizeof(Baseline), 0, Py_TPFLAGS_DEFAULT, baseline_slots};
+static PyType_Spec baseline_spec = {"foreswitch." MODULE ".Baseline", sizeof(Baseline), 0, Py_TPFLAGS_DEFAULT,
+                                    baseline_slots};
 
 static PyTypeObject *add_type(PyObject *module, PyType_Spec *spec, const char *name)
 {

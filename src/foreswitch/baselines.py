@@ -24,7 +24,7 @@ from foreswitch.loop import Run, simulate
 from foreswitch.plant import Plant
 from foreswitch.prediction import relative_degrees
 
-__all__ = ["Baseline", "PIPWM", "Relay", "SmithPWM", "Tuned", "tune"]
+__all__ = ["PIPWM", "Baseline", "Relay", "SmithPWM", "Tuned", "tune"]
 
 
 class Baseline(ABC):
@@ -344,5 +344,5 @@ def tune(
     differential_evolution(
         cost, list(zip(low, high, strict=True)), init=initial, maxiter=generations, tol=0.0, polish=False, rng=rng
     )
-    assert best is not None  # noqa: S101 - the search has run at least once
+    assert best is not None
     return Tuned(kind(plant, levels, Ts, **best[1], **shared), best[1], best[2], best[0], count)

@@ -61,7 +61,9 @@ def demo(out: Out = Path("foreswitch-demo"), as_json: Json = False) -> None:
 
 
 @app.command(epilog="Example: foreswitch init my_valve")
-def init(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for project.toml; made if missing.")]) -> None:
+def init(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for project.toml; made if missing.")],
+) -> None:
     """Write a commented project file to start from."""
     target = folder / "project.toml"
     if target.exists():

@@ -318,7 +318,7 @@ class Controller:
         if given is not None:
             values = _check.per("relative_degree", given, self.plant.outputs, "output", least=1.0)
             if (values > self.plant.states).any() or (values != np.round(values)).any():
-                raise ValueError(f"relative_degree is {given}; give whole numbers from 1 to {self.plant.states}")
+                raise ValueError(f"relative_degree is {given!r}; give whole numbers from 1 to {self.plant.states}")
             return values.astype(np.int64)
         found = prediction.relative_degrees(self.plant)
         if 0 in found:
@@ -347,6 +347,7 @@ class Controller:
         plant, rows, model, rest = self.plant, self._rows, self._model, self._rest
         n, m, q, p = plant.states, plant.inputs, plant.outputs, plant.disturbances
         depth = max(model.delay) + 1
+
         def reals(values: ArrayLike) -> np.ndarray[Any, Any]:
             return np.ascontiguousarray(values, dtype=real).ravel()
 
@@ -553,7 +554,7 @@ class Controller:
     def __repr__(self) -> str:
         o = self.objective
         degrees = ", ".join(map(str, self.relative_degree))
-        lines = [f"objective  Endpoint(Td={o.Td}, lam={o.lam}, tail={o.tail!r}), relative degree {degrees}"]
+        lines = [f"objective  Endpoint(Td={o.Td}, lam={o.lam!r}, tail={o.tail!r}), relative degree {degrees}"]
         for name, levels, delay in zip(self.plant.input_names, self.levels, self._model.delay, strict=True):
             text = ", ".join(f"{v:g}" for v in levels)
             lines.append(f"input {name:<4} levels {text} every {self.Ts:g} s, {delay} periods under way")

@@ -6,13 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from foreswitch import baselines, plot
 from foreswitch._check import Array
-from foreswitch.loop import Run
+from foreswitch.loop import Law, Run
 from foreswitch.project import Project, Valve
 from foreswitch.reference import HalfSine, Sine
 from foreswitch.report import Picture, Report, Section, Table, metric_table, number
@@ -64,7 +63,7 @@ def run_demo(progress: Callable[[str], None] = lambda _: None) -> Demo:
     """
     project = Project.read(hot_gas_file())
     pulse = project.plant.B[1, 0] * 0.006 * project.controller.Ts  # kPa: what one period of full flow adds
-    laws = {
+    laws: dict[str, Law] = {
         PREDICTIVE: project.controller,
         PREVIEW: project.build_controller(preview="lag"),
         IGNORED: project.build_controller(plant=project.plant.replace(input_delay=0.0)),
@@ -90,9 +89,7 @@ def run_demo(progress: Callable[[str], None] = lambda _: None) -> Demo:
     progress("a task nobody was tuned for")
     other = HalfSine(500.0, 0.12, start=0.05)
     laws |= {name: best.law for name, best in tuned.items()}
-    untuned = {
-        name: project.simulate(law, other, duration=0.25, plant=project.plant) for name, law in laws.items()
-    }
+    untuned = {name: project.simulate(law, other, duration=0.25, plant=project.plant) for name, law in laws.items()}
     progress("report")
     runs = tracking | {name: best.run for name, best in tuned.items()}
     report = Report(
@@ -100,7 +97,7 @@ def run_demo(progress: Callable[[str], None] = lambda _: None) -> Demo:
         "Plant and settings of Shields, Barth and Goldfarb (2006): k = 16500 kPa/s, lag 6 ms, dead time 5 ms, a decision "
         "every millisecond. Everything here is simulated; no measured record of the rig is public.",
         [
-            _tracking_section(tracking, project.controller.lag, pulse),
+            _tracking_section(tracking, float(project.controller.lag), pulse),
             _decision_section(project, tracking[PREDICTIVE]),
             _dead_time_section(tracking),
             _cyclic_section(cyclic, vents),
@@ -177,7 +174,12 @@ def _decision_section(project: Project, run: Run) -> Section:
         "At each period both candidates are carried across the dead time and the settling horizon; the one that lands "
         "closer to the sliding surface is commanded (the paper's Fig. 4)."
     ]
-    return Section("What it weighs", text, (), [Picture("decision", figure, "Predicted distance of each candidate from the sliding surface, over 40 ms.")])
+    return Section(
+        "What it weighs",
+        text,
+        (),
+        [Picture("decision", figure, "Predicted distance of each candidate from the sliding surface, over 40 ms.")],
+    )
 
 
 def _dead_time_section(tracking: dict[str, Run]) -> Section:
@@ -229,9 +231,7 @@ def _cyclic_section(cyclic: dict[float, Run], vents: dict[float, Array]) -> Sect
     return Section("Cycles, with a proportional vent", text, [table], [Picture("cyclic", figure, caption)])
 
 
-def _comparison_section(
-    runs: dict[str, Run], tuned: dict[str, baselines.Tuned], untuned: dict[str, Run]
-) -> Section:
+def _comparison_section(runs: dict[str, Run], tuned: dict[str, baselines.Tuned], untuned: dict[str, Run]) -> Section:
     figure = plot.figure(len(tuned) + 2, size=(7.2, 6.6))
     shown = [PREDICTIVE, PREVIEW, *tuned]
     limit = 1.1 * max(float(np.abs(runs[name].y - runs[name].r).max()) for name in shown if "relay" not in name)
@@ -258,7 +258,9 @@ def _comparison_section(
         _verdict(runs, tuned, untuned),
         [
             Table(first.heads, first.rows, "The half sinusoid, on which the baselines were tuned."),
-            Table(second.heads, second.rows, "A rise of 500 kPa in 120 ms, with the same parameters: nobody was retuned."),
+            Table(
+                second.heads, second.rows, "A rise of 500 kPa in 120 ms, with the same parameters: nobody was retuned."
+            ),
             parameters,
         ],
         [Picture("comparison", figure, "Error over time; the relay's exceeds the frame.")],

@@ -34,10 +34,11 @@ class Law(Protocol):
     plant: Plant
     Ts: float
     levels: list[Array]
-    real: str
     _safe: list[int]
     _core: Any
 
+    @property
+    def real(self) -> str: ...
     @property
     def order(self) -> int: ...
     @property
@@ -118,7 +119,7 @@ class Run:
         dict of str to ndarray, shape (K+1,)
         """
 
-        def extended(values: Array) -> Array:
+        def extended(values: np.ndarray[Any, Any]) -> Array:
             return np.concatenate([values, values[-1:]])
 
         table = {"t [s]": self.t}
@@ -165,7 +166,9 @@ class Run:
         -------
         matplotlib.figure.Figure
         """
-        return plot.time_plot(self.t, self.y, self.r, self.u, self.plant.output_names, self.plant.input_names, **options)
+        return plot.time_plot(
+            self.t, self.y, self.r, self.u, self.plant.output_names, self.plant.input_names, **options
+        )
 
 
 def _lag(t: Array, y: Array, r: Array) -> tuple[float, float]:
@@ -234,7 +237,9 @@ def _rows(name: str, value: Signal | None, steps: int, width: int) -> Array:
     if given.ndim == 2 and given.shape[0] in (steps, steps + 1) and given.shape[1] == width:
         return np.ascontiguousarray(given[:steps])
     if given.ndim > 1 or given.size not in (1, width):
-        raise ValueError(f"{name} has shape {given.shape}; give {width} value(s), or ({steps}, {width}), one row per period")
+        raise ValueError(
+            f"{name} has shape {given.shape}; give {width} value(s), or ({steps}, {width}), one row per period"
+        )
     return np.ascontiguousarray(np.broadcast_to(given, (steps, width)))
 
 
@@ -334,7 +339,7 @@ def simulate(
         for k in range(steps):
             if callable(disturbance):
                 w[k] = _called("disturbance", disturbance, t[k], x[k], w[k].shape)
-            if callable(load):
+            if callable(load) and extra is not None:
                 extra[k] = _called("load", load, t[k], x[k], (m,))
             CORES[law.real].run(law._core, body, steps, history, arrays, k, k + 1)
     else:
@@ -343,7 +348,9 @@ def simulate(
     return Run(t, x, y, u[history:], wanted, cost, nodes, status, truth, safe)
 
 
-def _called(name: str, signal: Callable[[float, Array], ArrayLike], t: float, x: Array, shape: tuple[int, ...]) -> Array:
+def _called(
+    name: str, signal: Callable[[float, Array], ArrayLike], t: float, x: Array, shape: tuple[int, ...]
+) -> Array:
     value = np.atleast_1d(np.asarray(signal(float(t), x.copy()), dtype=np.float64))
     if value.shape != shape or not np.isfinite(value).all():
         raise ValueError(f"{name} returned {value.tolist()} at t = {t:g} s; give {shape[0]} finite value(s)")

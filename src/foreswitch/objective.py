@@ -52,9 +52,9 @@ class Endpoint:
     def __post_init__(self) -> None:
         _check.number("Td", self.Td, above=0.0)
         if (_check.array("lam", self.lam) <= 0).any():
-            raise ValueError(f"lam is {self.lam}; it must be greater than 0")
+            raise ValueError(f"lam is {self.lam!r}; it must be greater than 0")
         weight = _check.array("weight", self.weight)
         if (weight < 0).any() or not weight.any():
-            raise ValueError(f"weight is {self.weight}; give numbers >= 0, at least one of them > 0")
+            raise ValueError(f"weight is {self.weight!r}; give numbers >= 0, at least one of them > 0")
         if self.tail not in TAILS:
             raise ValueError(f"tail is {self.tail!r}; {nearest(str(self.tail), TAILS)}")

@@ -84,22 +84,22 @@ class Plant:
     @property
     def states(self) -> int:
         """Number of states n."""
-        return self.A.shape[0]
+        return int(self.A.shape[0])
 
     @property
     def inputs(self) -> int:
         """Number of inputs m."""
-        return self.B.shape[1]
+        return int(self.B.shape[1])
 
     @property
     def outputs(self) -> int:
         """Number of outputs q."""
-        return self.C.shape[0]
+        return int(self.C.shape[0])
 
     @property
     def disturbances(self) -> int:
         """Number of measured disturbances p."""
-        return self.E.shape[1]
+        return int(self.E.shape[1])
 
     @property
     def poles(self) -> np.ndarray[Any, np.dtype[np.complex128]]:
@@ -119,7 +119,7 @@ class Plant:
         -------
         Plant
         """
-        keep = {
+        keep: dict[str, Any] = {
             "A": self.A,
             "B": self.B,
             "C": self.C,
@@ -310,4 +310,3 @@ class Plant:
         for name, offset in zip(self.output_names, self.y_offset, strict=True):
             lines.append(f"output {name}" + (f", about {offset:g}" if offset else ""))
         return tree("Plant", lines)
-

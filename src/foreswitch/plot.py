@@ -16,7 +16,9 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 REFERENCE = "#9a9a9a"
 
 
-def figure(rows: int = 1, columns: int = 1, *, size: tuple[float, float], heights: Sequence[float] | None = None) -> Figure:
+def figure(
+    rows: int = 1, columns: int = 1, *, size: tuple[float, float], heights: Sequence[float] | None = None
+) -> Figure:
     """A figure with a grid of axes, light grid lines and no box; time axes are shared by column."""
     fig = Figure(figsize=size, layout="constrained")
     fig.subplots(rows, columns, squeeze=False, sharex="col", height_ratios=heights)

@@ -8,6 +8,7 @@ two integrals from zero, which would cancel for unstable plants.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import comb
@@ -116,8 +117,8 @@ class EndpointRows:
     """
 
     state: Array  # f (q, n)
-    pending: list[Array]  # per input (delay in periods, q), newest first
-    hold: list[Array]  # per input (holds, q)
+    pending: Sequence[Array]  # per input (delay in periods, q), newest first
+    hold: Sequence[Array]  # per input (holds, q)
     total: Array  # (q, m)
     disturbance: Array  # (q, p)
     offset: Array  # (q,)
@@ -141,7 +142,8 @@ def endpoint_rows(plant: Plant, s: Sliding, Ts: float, Td: float, longest_hold: 
     def held(j: int, start: float, end: float) -> Array:
         """Effect on s of a unit of input j acting over [start, end]."""
         step = transition(A, B[:, j : j + 1], end - start)[1]
-        return (S @ expm(A * (theta - end)) @ step)[:, 0]
+        row: Array = S @ expm(A * (theta - end)) @ step
+        return row[:, 0]
 
     phi, gamma = transition(A, B, Ts)
     pending, hold = [], []

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from foreswitch._check import Array
 from foreswitch._text import nearest
 from foreswitch.controller import Controller
-from foreswitch.loop import Run, simulate
+from foreswitch.loop import Law, Run, simulate
 from foreswitch.objective import Endpoint
 from foreswitch.plant import Plant
 from foreswitch.reference import HalfSine, Ramp, Reference, Samples, Sine, Stack, Steps, sample
@@ -111,7 +111,7 @@ class ActuatorTable(Table):
     min_off: float | Vector = Key(0.0, description="shortest time at the safe level [s]")
     switch_cost: float | Vector = Key(0.0, description="added to the cost of a command for each input it changes")
     forbidden: list[float | Vector] = Key([], description="combinations of levels that must never be commanded")
-    safe_level: float | Vector | None = Key(None, description="commanded after bad_limit bad measurements; default never")
+    safe_level: float | Vector | None = Key(None, description="commanded after bad_limit bad samples; default never")
 
 
 class ControllerTable(Table):
@@ -168,7 +168,7 @@ class ReferenceTable(Choice):
             kind = arguments.pop("between", "pchip")
             return Samples.read_csv(path, kind=kind, **arguments)
         if self.kind == "constant":
-            if isinstance(self.value, str):
+            if not isinstance(self.value, float):
                 raise ValueError(f"[reference] value is {self.value!r}; give a number")
             return Steps([0.0], [self.value])
         build: dict[str, Callable[..., Reference]] = {"half_sine": HalfSine, "sine": Sine, "ramp": Ramp, "steps": Steps}
@@ -191,7 +191,7 @@ class Valve(Table):
             value, slope = sample(reference, np.array([t]), truth.outputs, 2)[0, 0]
             excess = float(truth.C[0] @ x + truth.y_offset[0]) - value
             beyond = np.sign(excess) * max(abs(excess) - self.deadband, 0.0)
-            return np.clip([self.gain * beyond - self.feedforward * slope], self.low, self.high)
+            return np.array([min(max(self.gain * beyond - self.feedforward * slope, self.low), self.high)])
 
         return flow
 
@@ -302,7 +302,7 @@ class Project:
         return Controller(objective=Endpoint(**objective), **settings)
 
     def simulate(
-        self, controller: Any = None, reference: Callable[..., ArrayLike] | None = None, **changes: Any
+        self, controller: Law | None = None, reference: Callable[..., ArrayLike] | None = None, **changes: Any
     ) -> Run:
         """One closed-loop run.
 
@@ -324,7 +324,8 @@ class Project:
         settings["plant"] = self.truth
         settings |= changes
         valve = table.disturbance
-        settings.setdefault("disturbance", valve.law(reference, settings["plant"]) if isinstance(valve, Valve) else valve)
+        w = valve.law(reference, settings["plant"]) if isinstance(valve, Valve) else valve
+        settings.setdefault("disturbance", w)
         return simulate(controller or self.controller, reference, settings.pop("duration"), **settings)
 
 
@@ -333,7 +334,9 @@ def _sentence(error: ValidationError, content: dict[str, Any]) -> str:
     # a union reports every branch that failed; an unknown or missing key says most
     ranks = {"extra_forbidden": 0, "missing": 1}
     detail = min(error.errors(include_url=False), key=lambda item: ranks.get(item["type"], 2))
-    path, value, table = [], content, File
+    path: list[str] = []
+    value: Any = content
+    table: type[Table] = File
     for part in detail["loc"]:
         if isinstance(value, dict) and part in value:
             value = value[part]

@@ -237,7 +237,9 @@ class Samples(_Piecewise):
         self._ends = (float(self.y[0]), float(self.y[-1]))
 
     @classmethod
-    def read_csv(cls, path: str | Path, *, time: str | None = None, value: str | None = None, **options: Any) -> Samples:
+    def read_csv(
+        cls, path: str | Path, *, time: str | None = None, value: str | None = None, **options: Any
+    ) -> Samples:
         """From a CSV file with a header row.
 
         Parameters

@@ -128,4 +128,5 @@ def run_report(name: str, run: Run, controller: Any) -> Report:
         Section("Controller", code=repr(controller)),
         Section("Plant", code=repr(run.plant)),
     ]
-    return Report(name, f"Closed loop over {plot.duration_text(float(run.t[-1]))}, {run.u.shape[0]} decisions.", sections)
+    lead = f"Closed loop over {plot.duration_text(float(run.t[-1]))}, {run.u.shape[0]} decisions."
+    return Report(name, lead, sections)

@@ -421,8 +421,9 @@ def test_law_equals_the_oracle(chunk, record_property):
             else:  # also where a saturated unstable plant has run away and only round-off would be compared
                 x, w, reference = random_point(rng, law)
         seen["plants"] += 1
+    seen = {name: int(value) for name, value in seen.items()}  # plain numbers: pytest-xdist sends them home
     record_property("counts", seen)
-    record_property("worst cost error", worst)
+    record_property("worst cost error", float(worst))
     print(f"chunk {chunk}: {seen}, worst relative cost error {worst:.1e}")
     assert seen["plants"] == PER_CHUNK
     assert seen["steps"] == PER_CHUNK * STEPS

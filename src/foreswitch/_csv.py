@@ -32,7 +32,9 @@ def read_columns(path: str | Path, names: Sequence[str | None]) -> list[Array]:
             reader = csv.reader(file)
             rows = [(reader.line_num, row) for row in reader if row]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"{path} cannot be read ({error}); give a CSV file in UTF-8") from None
+        raise ValueError(
+            f"{path} cannot be read ({getattr(error, 'strerror', None) or error}); give a CSV file in UTF-8"
+        ) from None
     if len(rows) < 2:
         raise ValueError(f"{path} has {len(rows)} row(s); give a header row and at least one row of numbers")
     header = [cell.strip() for cell in rows[0][1]]

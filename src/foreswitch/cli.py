@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,7 +26,6 @@ __all__ = ["main"]
 app = typer.Typer(
     name="foreswitch",
     help="Predictive control of actuators that can only switch and act after a dead time.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -34,6 +34,21 @@ app = typer.Typer(
 Out = Annotated[Path, typer.Option("--out", help="Folder to write to; made if missing.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for machines instead of a table.")]
 ProjectFile = Annotated[Path, typer.Argument(metavar="PROJECT.toml", help="Project file; see 'foreswitch init'.")]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(version("foreswitch"))
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    show_version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print it.")
+    ] = False,
+) -> None:
+    """What holds for every verb."""
 
 
 @app.command(epilog="Example: foreswitch demo --out demo")
@@ -51,7 +66,7 @@ def demo(out: Out = Path("foreswitch-demo"), as_json: Json = False) -> None:
         summary = {name: _plain(run.metrics()) for name, run in runs.items()}
         write_whole(folder / "metrics.json", _json(summary))
     if as_json:
-        print(_json(summary))
+        print(_json(summary), end="")
         return
     _print_table("Hot gas, half-period sinusoid", metric_table(result.tracking, "kPa"))
     _print_table("Tuned baselines, same task", metric_table({n: b.run for n, b in result.tuned.items()}, "kPa"))
@@ -79,15 +94,20 @@ def simulate(
     reference: Annotated[
         Path | None, typer.Option("--reference", help="CSV with a header row: time, then one column per output.")
     ] = None,
+    duration: Annotated[
+        float | None, typer.Option("--duration", help="Seconds; default the reference file's, else the project's.")
+    ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for report, pictures and trace.")] = None,
     as_json: Json = False,
 ) -> None:
     """Run a project's closed loop and report on it."""
     setup = Project.read(project)
-    followed: Any = setup.reference
+    changes: dict[str, Any] = {} if duration is None else {"duration": duration}
+    followed = setup.reference
     if reference is not None:
-        followed = Samples.read_csv_columns(reference, setup.plant.outputs)
-    run = setup.simulate(reference=followed)
+        followed, end = Samples.read_csv_columns(reference, setup.plant.outputs)
+        changes.setdefault("duration", end)
+    run = setup.simulate(reference=followed, **changes)
     summary = _plain(run.metrics())
     if out is not None:
         with whole_folder(out) as folder:
@@ -95,7 +115,7 @@ def simulate(
             run.to_csv(folder / "run.csv")
             write_whole(folder / "metrics.json", _json(summary))
     if as_json:
-        print(_json(summary))
+        print(_json(summary), end="")
         return
     _print_table(str(project), metric_table({"this run": run}))
     if out is not None:
@@ -134,8 +154,9 @@ def main(arguments: list[str] | None = None) -> None:
     arguments : list of str, optional
         Default: the process's own.
     """
+    given = sys.argv[1:] if arguments is None else arguments
     try:
-        code = app(args=arguments, standalone_mode=False)
+        code = app(args=given or ["--help"], standalone_mode=False)
     except ValueError as error:
         sys.exit(_complain(str(error)))
     except OSError as error:

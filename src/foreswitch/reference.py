@@ -266,7 +266,7 @@ class Samples(_Piecewise):
             raise ValueError(f"{path}: {error}") from None
 
     @classmethod
-    def read_csv_columns(cls, path: str | Path, outputs: int) -> Reference:
+    def read_csv_columns(cls, path: str | Path, outputs: int) -> tuple[Reference, float]:
         """One reference per output from a CSV file: time, then one column each.
 
         Parameters
@@ -277,7 +277,8 @@ class Samples(_Piecewise):
 
         Returns
         -------
-        Reference
+        tuple
+            The reference, and the last time in the file [s].
 
         Raises
         ------
@@ -289,7 +290,7 @@ class Samples(_Piecewise):
             parts = [cls(times, column) for column in values]
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
-        return parts[0] if outputs == 1 else Stack(*parts)
+        return (parts[0] if outputs == 1 else Stack(*parts)), float(times[-1])
 
     def __repr__(self) -> str:
         return f"Samples({self.t.size} samples, {self.t[0]:g} to {self.t[-1]:g} s, kind={self.kind!r})"

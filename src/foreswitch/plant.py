@@ -251,8 +251,6 @@ class Plant:
         dt = getattr(sys, "dt", None)
         if dt not in (None, 0):
             raise ValueError(f"sys is discrete (dt = {dt}); give the continuous system, its period goes to Controller")
-        if hasattr(sys, "zeros") and hasattr(sys, "gain") and hasattr(sys, "to_tf"):  # scipy ZerosPolesGain
-            sys = sys.to_tf()
         if hasattr(sys, "A") and hasattr(sys, "D"):
             if np.any(np.asarray(sys.D) != 0):
                 raise ValueError(f"sys has direct feedthrough D = {np.asarray(sys.D).tolist()}; D must be zero")
@@ -261,10 +259,12 @@ class Plant:
                 if given and not all(re.fullmatch(r"[uy]\[\d+\]", name) for name in given):
                     names.setdefault(key, list(given))
             return cls(sys.A, sys.B, sys.C, input_delay=input_delay, **names)
+        if hasattr(sys, "to_tf") and not hasattr(sys, "num"):  # scipy ZerosPolesGain
+            sys = sys.to_tf()
         if hasattr(sys, "num") and hasattr(sys, "den"):
             num, den = sys.num, sys.den
-            if not isinstance(num, list) and not (isinstance(num, np.ndarray) and num.dtype == object):
-                return cls.from_tf(num, den, input_delay=input_delay, **names)
+            if isinstance(num, np.ndarray) and num.dtype != object:  # scipy: one input, one denominator
+                num, den = [[row] for row in np.atleast_2d(num)], [[den]] * len(np.atleast_2d(num))
             if len(num) == 1 and len(num[0]) == 1:
                 return cls.from_tf(num[0][0], den[0][0], input_delay=input_delay, **names)
             return cls._from_tf_matrix(num, den, input_delay, names)

@@ -1,0 +1,152 @@
+"""The command line: what it writes, exit codes, one line on stderr, nothing half-written."""
+
+import json
+import re
+import sys
+
+import pytest
+
+from foreswitch import cli
+
+HOT_GAS_KEYS = {"rms_error", "max_error", "lag", "rms_error_at_lag", "switches", "on_time"}
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Run a command line in an empty folder: exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as caught:
+            cli.main(list(arguments))
+        out, err = capsys.readouterr()
+        return caught.value.code, out, err
+
+    return call
+
+
+@pytest.fixture
+def project(run):
+    assert run("init", "valve")[0] == 0
+    return "valve/project.toml"
+
+
+def test_demo_writes_report_pictures_and_traces(run, tmp_path):
+    code, out, err = run("demo", "--out", "demo", "--json")
+    assert (code, err) == (0, "")
+    metrics = json.loads(out)
+    assert metrics == json.loads((tmp_path / "demo/metrics.json").read_text())
+    assert metrics["predictive"]["rms_error_at_lag"] < 3.0 < metrics["dead time ignored"]["rms_error_at_lag"]
+    assert metrics["predictive, preview"]["rms_error"] == pytest.approx(3.0, abs=0.05)
+    names = {path.name for path in (tmp_path / "demo").iterdir()}
+    for picture in ("tracking", "dead_time", "decision", "cyclic", "comparison"):
+        assert {f"{picture}.png", f"{picture}.svg"} <= names
+    assert sum(name.endswith(".csv") for name in names) == len(metrics) == 11
+    report = (tmp_path / "demo/report.html").read_text()
+    assert report.count("<svg") == 5
+    # self-contained: nothing is loaded from anywhere
+    assert not re.search(r"""(src|href)=["'](?!#)""", report)
+    assert "url(http" not in report
+    assert "@import" not in report
+
+
+def test_simulate_follows_the_users_own_reference(run, project, tmp_path):
+    (tmp_path / "ref.csv").write_text("t,p\n0,0\n0.3,200\n")
+    code, out, _ = run("simulate", project, "--reference", "ref.csv", "--out", "out", "--json")
+    assert code == 0
+    assert set(json.loads(out)) == HOT_GAS_KEYS
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {
+        "metrics.json", "report.html", "run.csv", "run.png", "run.svg"
+    }  # fmt: skip
+    trace = (tmp_path / "out/run.csv").read_text().splitlines()
+    assert trace[0].startswith("t [s],reference pressure [kPa],pressure [kPa],valve")
+    assert len(trace) == 1 + 301, "the run is as long as the reference file"
+    last = [float(cell) for cell in trace[-1].split(",")]
+    assert last[1] == pytest.approx(200.0)
+    assert abs(last[2] - 200.0) < 20.0
+
+
+def test_output_is_the_same_bytes_each_time(run, project, tmp_path):
+    for folder in ("a", "b"):
+        assert run("simulate", project, "--out", folder)[0] == 0
+    for path in (tmp_path / "a").iterdir():
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name
+
+
+def test_init_refuses_to_overwrite(run, project, tmp_path):
+    before = (tmp_path / project).read_bytes()
+    code, _, err = run("init", "valve")
+    assert code == 2
+    assert "exists" in err
+    assert (tmp_path / project).read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "give a header row"),
+        ("t,p\n", "give a header row"),
+        ("0,0\n1,5\n", "starts with numbers"),
+        ("t\n0\n1\n", "no column 2"),
+        ("t,p\n0,0\n1,abc\n", "column 'p' holds 'abc'"),
+        ("t,p\n0,0\n1,nan\n", "column 'p' holds 'nan'"),
+        ("t,p\n0,0\n1\n", "column 'p' holds ''"),
+        ("t,p\n0,0\n2,1\n1,5\n", "times must ascend"),
+        ("t,p\n0,0\n0,1\n", "times must ascend"),
+        ("t,p\n-1,0\n", "t"),
+    ],
+)
+def test_a_bad_reference_file_is_one_line_and_leaves_nothing(run, project, tmp_path, text, words):
+    (tmp_path / "ref.csv").write_text(text)
+    code, out, err = run("simulate", project, "--reference", "ref.csv", "--out", "out")
+    assert (code, out) == (2, "")
+    assert err.startswith("foreswitch: ")
+    assert words in err
+    assert err.count("\n") == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"valve", "ref.csv"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("nope",), "No such command"),
+        (("simulate",), "Missing argument"),
+        (("simulate", "valve/project.toml", "--bogus"), "No such option"),
+        (("simulate", "none.toml"), "none.toml cannot be read"),
+        (("simulate", "broken.toml"), "not valid TOML"),
+        (("simulate", "valve/project.toml", "--duration", "-1"), "duration is -1"),
+        (("simulate", "valve/project.toml", "--out", "broken.toml"), "cannot be written"),
+    ],
+)
+def test_bad_usage_is_exit_code_2_and_one_line(run, project, tmp_path, arguments, words):
+    (tmp_path / "broken.toml").write_text("[plant\n")
+    code, out, err = run(*arguments)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert err.count("\n") == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"valve", "broken.toml"}
+
+
+@pytest.mark.parametrize("verb", ["demo", "init", "simulate"])
+def test_every_verb_has_help_with_an_example(run, verb):
+    code, out, _ = run(verb, "--help")
+    assert code == 0
+    assert f"Example: foreswitch {verb}" in out
+
+
+def test_nothing_is_left_when_writing_fails_midway(run, project, tmp_path, monkeypatch):
+    def fail(*_):
+        raise OSError(28, "No space left on device", "run.csv")
+
+    monkeypatch.setattr("foreswitch.loop.write_whole", fail)
+    code, _, err = run("simulate", project, "--out", "out")
+    assert code == 2
+    assert "No space left" in err
+    assert {path.name for path in tmp_path.iterdir()} == {"valve"}
+
+
+def test_without_arguments_it_shows_help(run, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["foreswitch"])
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    assert caught.value.code == 0

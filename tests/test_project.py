@@ -1,0 +1,123 @@
+"""Project files: what they say is what runs, and each mistake is one sentence."""
+
+import copy
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import foreswitch as fsw
+from foreswitch.project import Project
+
+HOT_GAS = Path(__file__).parents[1] / "examples/hot_gas/project.toml"
+
+
+@pytest.fixture
+def content() -> dict:
+    return tomllib.loads(HOT_GAS.read_text(encoding="utf-8"))
+
+
+def changed(content: dict, path: str, value: object) -> dict:
+    """A copy with the key at ``table.key`` set, or removed where the value is None."""
+    result = copy.deepcopy(content)
+    *tables, key = path.split(".")
+    table = result
+    for name in tables:
+        table = table.setdefault(name, {})
+    if value is None:
+        del table[key]
+    else:
+        table[key] = value
+    return result
+
+
+def test_the_file_builds_what_the_constructors_build(content):
+    project = Project(content)
+    plant = fsw.Plant.integrator_lag(16500.0, 0.006, 0.005, E=[[-1.0], [0.0]])
+    controller = fsw.Controller(plant, [0, 1], 1e-3, fsw.Endpoint(0.020, 2500.0))
+    expected = fsw.simulate(controller, fsw.HalfSine(1000.0, 0.5), 0.6)
+    np.testing.assert_array_equal(project.simulate().u, expected.u)
+    assert project.plant.output_names == ("pressure [kPa]",)
+
+
+def test_every_optional_key_in_the_commented_file_is_accepted():
+    """Uncommenting a hint must never be an error; keys that belong to a choice come in their block of lines."""
+    text = HOT_GAS.read_text(encoding="utf-8")
+    for line in text.splitlines():
+        stripped = line.lstrip("# ").split("#")[0].strip()
+        if not line.startswith("# ") or "=" not in stripped or not stripped.split("=")[0].strip().isidentifier():
+            continue
+        key = stripped.split("=")[0].strip()
+        if key in ("kind", "file", "time", "value", "forbidden"):  # another kind of reference; several inputs
+            continue
+        Project(tomllib.loads(text.replace(line, stripped)))
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        ("plant.kk", 3, "[plant] has an unknown key 'kk'; did you mean 'k'?"),
+        ("controler", {}, "unknown table 'controler'; did you mean 'controller'?"),
+        ("controller.Td", None, "[controller] has no key 'Td'"),
+        ("controller.Td", "x", "controller.Td is 'x'; it holds: settling horizon"),
+        ("controller.Td", 1e-4, "Td is 0.0001; it must be at least one switching period"),
+        ("controller.preview", "lagg", "controller.preview is 'lagg'"),
+        ("actuator.levels", "a", "actuator.levels is 'a'"),
+        ("actuator.levels", [1, 0], "they must ascend"),
+        ("actuator.levels", [1], "give 2 to 255 levels"),
+        ("actuator.Ts", 0.0, "Ts is 0; it must be greater than 0"),
+        ("plant", None, "table [plant] is missing"),
+        ("plant.model", "fobdt", "plant.model is 'fobdt'; give 'integrator_lag'"),
+        ("plant.k", float("nan"), "plant.k is nan"),
+        ("plant.input_delay", -1.0, "input_delay is -1.0; it must be at least 0"),
+        ("plant.A", [[1.0]], "[plant] has key 'A', which model = 'integrator_lag' does not use"),
+        ("reference.kind", "sinus", "reference.kind is 'sinus'; give 'constant'"),
+        ("reference.frequency", 2.0, "which kind = 'half_sine' does not use; remove it"),
+        ("reference.height", None, "[reference] has no key 'height', which kind = 'half_sine' needs"),
+        ("reference", [{"kind": "constant", "value": 1.0}] * 2, "[reference] stands 2 time(s)"),
+        ("reference", {"kind": "constant", "value": "a"}, "value is 'a'; give a number"),
+        ("reference", {"kind": "samples", "file": "none.csv"}, "none.csv cannot be read"),
+        ("simulation.disturbance", {"gian": 1.0, "high": 3.0}, "unknown key 'gian'; did you mean 'gain'?"),
+        ("simulation.plant", {"model": "fopdt", "K": 1.0}, "[simulation.plant] has no key 'T'"),
+    ],
+)
+def test_a_mistake_is_one_sentence_that_names_it(content, path, value, words):
+    with pytest.raises(ValueError, match=r".") as caught:
+        Project(changed(content, path, value))
+    sentence = str(caught.value)
+    assert words in sentence
+    assert "\n" not in sentence
+
+
+def test_the_truth_may_differ_from_the_model(content):
+    truth = {"model": "integrator_lag", "k": 20000.0, "c": 0.006, "input_delay": 0.005, "E": [[-1.0], [0.0]]}
+    project = Project(changed(content, "simulation.plant", truth))
+    same = Project(content)
+    assert project.simulate().y[-1, 0] != same.simulate().y[-1, 0]
+    assert project.controller.plant.B[1, 0] == same.controller.plant.B[1, 0]
+
+
+def test_a_vent_opens_with_the_excess_pressure(content):
+    valve = {"gain": 100.0, "high": 500.0, "deadband": 2.0}
+    project = Project(changed(content, "simulation.disturbance", valve))
+    flow = project.file.simulation.disturbance.law(lambda t: np.zeros(t.size), project.plant)
+    assert flow(0.0, np.array([1.0, 0.0])) == 0.0
+    assert flow(0.0, np.array([5.0, 0.0])) == pytest.approx(300.0)
+    assert flow(0.0, np.array([50.0, 0.0])) == 500.0
+    assert project.simulate().y[-1, 0] < Project(content).simulate().y[-1, 0]
+
+
+def test_settings_can_be_changed_by_name(content):
+    project = Project(content)
+    assert project.build_controller(preview="lag").reference_times[0] == pytest.approx(0.01136, abs=1e-5)
+    with pytest.raises(ValueError, match="did you mean 'tail'"):
+        project.build_controller(tial="zero")
+
+
+def test_a_reference_file_is_found_beside_the_project(content, tmp_path):
+    (tmp_path / "r.csv").write_text("t,p\n0,0\n0.5,100\n")
+    project = Project(
+        changed(content, "reference", {"kind": "samples", "file": "r.csv", "between": "linear"}), tmp_path
+    )
+    np.testing.assert_allclose(project.reference([0.25], 2)[0, 0], [50.0, 200.0])

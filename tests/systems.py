@@ -42,10 +42,10 @@ def level_runs(u):
 
 
 def exact_state(plant, x, Ts, history, end, *, load=None, w=None):
-    """x(end) from x(0) under commands held for Ts each, row k of ``history`` issued at (k - K0) Ts, K0 = first row at 0.
+    """x(end) from x(0): one matrix exponential per piece of constant input.
 
-    ``history`` is (rows before 0, rows from 0 on). One matrix exponential per piece of constant input; load and w
-    are one row per period, undelayed.
+    ``history`` is a pair: commands issued every Ts before time 0, and from 0 on. load and w are one row per period,
+    undelayed.
     """
     past, future = (np.asarray(part, dtype=float).reshape(-1, plant.inputs) for part in history)
     commands = np.vstack([past, future])

@@ -18,7 +18,8 @@ REFERENCES = {
     "linear": fsw.Samples(KNOTS, VALUES, kind="linear"),
     "hold": fsw.Samples(KNOTS, VALUES, kind="hold"),
 }
-KINKS = {"half sine": [1.0, 4.0], "ramp": [1.0], "steps": [1.0, 2.0, 3.0], "pchip": KNOTS, "linear": KNOTS, "hold": KNOTS}
+KINKS = {"half sine": [1.0, 4.0], "ramp": [1.0], "steps": [1.0, 2.0, 3.0]}
+KINKS |= dict.fromkeys(("pchip", "linear", "hold"), KNOTS)
 
 
 @pytest.mark.parametrize("name", REFERENCES)
@@ -85,7 +86,8 @@ def test_one_sample_is_a_constant(kind):
 def test_samples_read_from_csv(tmp_path):
     path = tmp_path / "profile.csv"
     path.write_text("\ufefftime [s], pressure, note\n0, 1.5, 7\n\n1e-1, 2.5, 8\n")
-    by_position, by_name = fsw.Samples.read_csv(path), fsw.Samples.read_csv(path, time="time [s]", value="note", kind="hold")
+    by_position = fsw.Samples.read_csv(path)
+    by_name = fsw.Samples.read_csv(path, time="time [s]", value="note", kind="hold")
     assert (by_position.t.tolist(), by_position.y.tolist()) == ([0.0, 0.1], [1.5, 2.5])
     assert by_name.y.tolist() == [7.0, 8.0]
 

@@ -163,7 +163,7 @@ def _decision_section(project: Project, run: Run) -> Section:
     for level, colour in ((0, plot.COLOURS[0]), (1, plot.COLOURS[1])):
         miss = np.sqrt(2.0 * costs[shown, level])  # V = s^2 / 2
         above.plot(t, miss, "o-", markersize=2.5, linewidth=0.8, color=colour, label=f"valve {level}")
-    above.set_ylim(bottom=0.0)
+    above.set_ylim(0.0, 1.2 * above.get_ylim()[1])
     above.set_ylabel("predicted |s| [kPa]", fontsize=9)
     above.legend(fontsize=8, frameon=False, ncols=2, loc="upper right")
     edges = run.t[shown.start : shown.stop + 1] * 1e3
@@ -219,7 +219,7 @@ def _cyclic_section(cyclic: dict[float, Run], vents: dict[float, Array]) -> Sect
         vent.set_ylim(0.0, 1.05e-3 * max(float(flow.max()) for flow in vents.values()))
     for axes, name in zip(grid[:, 0], ("pressure [kPa]", "vent [MPa/s]", "valve"), strict=True):
         axes.set_ylabel(name, fontsize=9)
-    grid[0, 0].legend(fontsize=8, frameon=False, loc="lower center")
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), fontsize=8, frameon=False, ncols=2, loc="outside upper left")
     table = metric_table({f"{frequency:g} Hz": run for frequency, run in cyclic.items()}, "kPa")
     text = [
         "Falling references need a vent. Here a proportional exhaust valve, which the controller does not command, opens "

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
@@ -89,7 +90,7 @@ def _saved(figure: Figure, kind: str) -> bytes:
 
 def number(value: float, digits: int = 3) -> str:
     """A figure for a table."""
-    return f"{value:.{digits}g}" if abs(value) < 1e4 else f"{value:.0f}"
+    return f"{value:#.{digits}g}".rstrip(".") if abs(value) < 1e4 else f"{value:.0f}"
 
 
 def metric_table(runs: dict[str, Run], unit: str = "") -> Table:
@@ -98,14 +99,15 @@ def metric_table(runs: dict[str, Run], unit: str = "") -> Table:
     heads = ["", f"rms error{in_unit}", f"largest error{in_unit}", "lag [ms]", f"rms at that lag{in_unit}", "switches"]
     rows = []
     for name, run in runs.items():
-        m = run.metrics()
-
-        def text(key: str, factor: float = 1.0, m: dict[str, Any] = m) -> str:
-            values = m[key] if hasattr(m[key], "__len__") else [m[key]]
-            return ", ".join(number(float(v) * factor) for v in values)
-
-        rows.append([name, text("rms_error"), text("max_error"), text("lag", 1e3), text("rms_error_at_lag"),
-                     text("switches")])  # fmt: skip
+        m = {key: np.atleast_1d(value) for key, value in run.metrics().items()}
+        cells = [
+            [number(value) for value in m["rms_error"]],
+            [number(value) for value in m["max_error"]],
+            [f"{1e3 * value:.2f}" for value in m["lag"]],
+            [number(value) for value in m["rms_error_at_lag"]],
+            [str(value) for value in m["switches"]],
+        ]
+        rows.append([name, *(", ".join(cell) for cell in cells)])
     return Table(heads, rows)
 
 

@@ -292,7 +292,8 @@ class Controller:
         self._weight = _check.per("weight", objective.weight, q, "output")
         self._sliding = prediction.sliding(plant, self._lam, self.relative_degree.tolist())
         longest = [max(row) for row in self._dwell]
-        self._rows = prediction.endpoint_rows(plant, self._sliding, self.Ts, objective.Td, longest)
+        with np.errstate(over="ignore", invalid="ignore"):  # checked below
+            self._rows = prediction.endpoint_rows(plant, self._sliding, self.Ts, objective.Td, longest)
         self._rest = prediction.rest(plant) if objective.tail == "rest" else None
         self._model = prediction.period_model(plant, self.Ts)
         for j, row in enumerate(self._rows.hold):

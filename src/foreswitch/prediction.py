@@ -36,6 +36,8 @@ __all__ = [
 
 # |C A^l B| below this share of |C| |A|^l |B| is cancellation, not a coefficient.
 RANK_TOLERANCE = 1e-10
+# A DC gain from yd to y, which would be 1, is 0 below this.
+ZERO_GAIN = 1e-8
 
 
 def transition(A: Array, B: Array, t: float) -> tuple[Array, Array]:
@@ -237,5 +239,5 @@ def ideal_response(
         return np.full((q, q), np.nan), np.full(q, np.nan)
     gain = C @ b
     diagonal = np.diag(gain).copy()
-    diagonal[np.abs(diagonal) < 1e-12] = np.nan
+    diagonal[np.abs(diagonal) < ZERO_GAIN] = np.nan
     return gain, -np.diag(C @ constant[:n]) / diagonal

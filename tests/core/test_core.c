@@ -1,0 +1,352 @@
+/* The core against golden vectors, and at its edges: `test_core FILE.json ...` prints what failed and a count. */
+#include "json.h"
+
+#include "foreswitch.h"
+
+/* ---- Counting ---- */
+
+static unsigned passed, failed;
+static const char *subject = "";
+
+#define CHECK(condition, ...)                                                                                          \
+    do {                                                                                                               \
+        if (condition)                                                                                                 \
+            passed++;                                                                                                  \
+        else {                                                                                                         \
+            failed++;                                                                                                  \
+            printf("%s:%d: %s: %s: ", __FILE__, __LINE__, subject, #condition);                                        \
+            printf(__VA_ARGS__);                                                                                       \
+            printf("\n");                                                                                              \
+        }                                                                                                              \
+    } while (0)
+
+/* ---- Designs from files ---- */
+
+#define NUMBERS(type)                                                                                                  \
+    static const type *list_##type(const json *object, const char *key)                                                \
+    {                                                                                                                  \
+        const json *node = json_get(object, key);                                                                      \
+        if (node->kind == JSON_NULL) return NULL;                                                                      \
+        const size_t count = json_numbers(node, NULL);                                                                 \
+        double *wide = calloc(count + 1, sizeof *wide);                                                                \
+        type *list = calloc(count + 1, sizeof *list);                                                                  \
+        json_numbers(node, wide);                                                                                      \
+        for (size_t i = 0; i < count; i++) list[i] = (type)wide[i];                                                    \
+        free(wide);                                                                                                    \
+        return list;                                                                                                   \
+    }
+NUMBERS(uint8_t)
+NUMBERS(uint16_t)
+NUMBERS(uint32_t)
+NUMBERS(fsw_real)
+
+static uint16_t size(const json *object, const char *key) { return (uint16_t)json_get(object, key)->number; }
+
+static fsw_design design_from(const json *file)
+{
+    const json *j = json_get(file, "design");
+    const fsw_design design = {
+        .states = size(j, "states"),
+        .inputs = size(j, "inputs"),
+        .outputs = size(j, "outputs"),
+        .disturbances = size(j, "disturbances"),
+        .order = size(j, "order"),
+        .rows = size(j, "rows"),
+        .candidates = size(j, "candidates"),
+        .bad_limit = size(j, "bad_limit"),
+        .level_count = list_uint8_t(j, "level_count"),
+        .levels = list_fsw_real(j, "levels"),
+        .candidate = list_uint8_t(j, "candidate"),
+        .safe = list_uint8_t(j, "safe"),
+        .state_row = list_fsw_real(j, "state_row"),
+        .disturbance_row = list_fsw_real(j, "disturbance_row"),
+        .offset = list_fsw_real(j, "offset"),
+        .reference_row = list_fsw_real(j, "reference_row"),
+        .half_weight = list_fsw_real(j, "half_weight"),
+        .pending = list_uint16_t(j, "pending"),
+        .pending_table = list_fsw_real(j, "pending_table"),
+        .holds = list_uint16_t(j, "holds"),
+        .hold_row = list_fsw_real(j, "hold_row"),
+        .total_row = list_fsw_real(j, "total_row"),
+        .rest_reference = list_fsw_real(j, "rest_reference"),
+        .rest_disturbance = list_fsw_real(j, "rest_disturbance"),
+        .rest_offset = list_fsw_real(j, "rest_offset"),
+        .dwell = list_uint32_t(j, "dwell"),
+        .switch_cost = list_fsw_real(j, "switch_cost"),
+        .model_x = list_fsw_real(j, "model_x"),
+        .model_old = list_fsw_real(j, "model_old"),
+        .model_new = list_fsw_real(j, "model_new"),
+        .model_w = list_fsw_real(j, "model_w"),
+        .model_c = list_fsw_real(j, "model_c"),
+    };
+    return design;
+}
+
+static void start(const json *file, const fsw_design *design, fsw_state *state)
+{
+    CHECK(fsw_init(design, state) == FSW_VALID, "init");
+    CHECK(fsw_preload(design, state, list_uint8_t(file, "line"), list_uint32_t(file, "wait")) == FSW_VALID, "preload");
+}
+
+/* The bytes in use: the delay line is longer than most designs need, and its rest is never written. */
+static int same_state(const fsw_design *d, const fsw_state *a, const fsw_state *b)
+{
+    const size_t used = (size_t)((const char *)a->line - (const char *)a) + (size_t)d->rows * d->inputs;
+    return memcmp(a, b, used) == 0;
+}
+
+/* ---- Golden vectors ---- */
+
+static fsw_status status_named(const char *name)
+{
+    static const char *const names[] = {"OK", "COASTING", "HELD", "SAFE"};
+    for (int i = 0; i < 4; i++)
+        if (strcmp(name, names[i]) == 0) return (fsw_status)i;
+    json_fail("unknown status", name);
+    return FSW_OK;
+}
+
+static void check_costs(const json *expected, const fsw_real *costs, unsigned step)
+{
+    if (expected->kind == JSON_NULL) return;
+    double largest = 0;
+    for (const json *c = expected->first; c; c = c->next)
+        if (isfinite(c->number) && c->number > largest) largest = c->number;
+    const double tolerance = largest * (sizeof(fsw_real) == sizeof(double) ? 1e-9 : 1e-3);
+    size_t i = 0;
+    for (const json *c = expected->first; c; c = c->next, i++) {
+        const double cost = (double)costs[i];
+        CHECK(isfinite(c->number) ? fabs(cost - c->number) <= tolerance : cost == c->number,
+              "step %u, candidate %u: %g, not %g", step, (unsigned)i, cost, c->number);
+    }
+}
+
+static void golden(const json *file)
+{
+    static fsw_state state, before;
+    const fsw_design d = design_from(file);
+    fsw_real *costs = calloc(d.candidates, sizeof *costs), *u = calloc(d.inputs, sizeof *u);
+    unsigned step = 0;
+    start(file, &d, &state);
+    for (const json *s = json_get(file, "steps")->first; s; s = s->next, step++) {
+        const fsw_real *x = list_fsw_real(s, "x"), *reference = list_fsw_real(s, "reference"),
+                       *w = list_fsw_real(s, "w");
+        const fsw_real *expected = list_fsw_real(s, "u");
+        const fsw_status status = status_named(json_get(s, "status")->text);
+
+        before = state;
+        const fsw_decision planned = fsw_decide(&d, &state, x, reference, w, costs);
+        CHECK(same_state(&d, &state, &before), "step %u: decide changed the state", step);
+        check_costs(json_get(s, "costs"), costs, step);
+
+        const fsw_decision taken = fsw_step(&d, &state, x, reference, w, u);
+        CHECK(taken.status == status, "step %u: status %d, not %d", step, (int)taken.status, (int)status);
+        CHECK(planned.status == taken.status && planned.candidate == taken.candidate && planned.nodes == taken.nodes &&
+                  !(planned.cost < taken.cost) && !(planned.cost > taken.cost),
+              "step %u: decide foretold otherwise", step);
+        for (uint16_t j = 0; j < d.inputs; j++) {
+            CHECK(!(u[j] < expected[j]) && !(u[j] > expected[j]), "step %u, input %u: %g, not %g", step, (unsigned)j,
+                  (double)u[j], (double)expected[j]);
+        }
+    }
+    CHECK(step >= 3, "only %u steps", step);
+}
+
+/* ---- Edges, on the paper's controller: two states, one input, no disturbance ---- */
+
+static fsw_status step_status(const fsw_design *d, fsw_state *state, fsw_real x0, fsw_real x1, fsw_real *u)
+{
+    const fsw_real x[] = {x0, x1}, reference[] = {1000, 0};
+    return fsw_step(d, state, x, reference, NULL, u).status;
+}
+
+#define IS(u, level) (!((u) < (level)) && !((u) > (level)))
+
+static void bad_values(const fsw_design *d, fsw_state *state)
+{
+    const fsw_real big = sizeof(fsw_real) == sizeof(double) ? (fsw_real)1e308 : (fsw_real)3e38;
+    const fsw_real bad[] = {(fsw_real)NAN, (fsw_real)INFINITY, -(fsw_real)INFINITY, big, -big};
+    fsw_real u;
+    CHECK(fsw_init(d, state) == FSW_VALID, "init");
+    for (int i = 0; i < 5; i++) {
+        CHECK(step_status(d, state, bad[i], 0, &u) == FSW_HELD, "before any good one, value %d", i);
+        CHECK(IS(u, d->levels[d->safe[0]]), "value %d: %g", i, (double)u);
+    }
+    CHECK(step_status(d, state, 10, 20, &u) == FSW_OK && IS(u, 1), "the first good one: %g", (double)u);
+    for (int i = 0; i < 5; i++)
+        for (int entry = 0; entry < 2; entry++) {
+            CHECK(step_status(d, state, entry ? 10 : bad[i], entry ? bad[i] : 20, &u) == FSW_COASTING, "value %d", i);
+            CHECK(IS(u, 1), "value %d: %g", i, (double)u);
+            CHECK(isfinite((double)state->x[0]) && isfinite((double)state->x[1]), "value %d in the state", i);
+        }
+    CHECK(step_status(d, state, 10, 20, &u) == FSW_OK && state->bad == 0, "bad %u", (unsigned)state->bad);
+
+    const fsw_real x[] = {10, 20};
+    for (int i = 0; i < 5; i++) {
+        const fsw_real reference[] = {bad[i], 0};
+        const fsw_decision decision = fsw_step(d, state, x, reference, NULL, &u);
+        CHECK(decision.status == FSW_HELD && decision.candidate == d->candidates && decision.nodes == 0, "reference %d",
+              i);
+        CHECK(IS(u, 1), "reference %d: the present command is %g", i, (double)u);
+    }
+    CHECK(step_status(d, state, 10, 20, &u) == FSW_OK, "after bad references");
+}
+
+static void denormal_values(const fsw_design *d, fsw_state *state)
+{
+    const fsw_real tiny = sizeof(fsw_real) == sizeof(double) ? (fsw_real)1e-310 : (fsw_real)1e-40;
+    fsw_real u;
+    CHECK(fsw_init(d, state) == FSW_VALID, "init");
+    CHECK(step_status(d, state, tiny, -tiny, &u) == FSW_OK, "a measurement");
+    CHECK(IS(state->x[0], 0) && IS(state->x[1], 0), "%g %g", (double)state->x[0], (double)state->x[1]);
+    for (int i = 0; i < 20000; i++) (void)step_status(d, state, (fsw_real)NAN, 0, &u); /* x[1] decays */
+    CHECK(IS(state->x[1], 0) || fabs((double)state->x[1]) > (double)FSW_TINY, "%g", (double)state->x[1]);
+}
+
+static void restart(const fsw_design *d, fsw_state *state)
+{
+    static fsw_state other;
+    fsw_real u, v;
+    uint8_t line[64];
+    CHECK(fsw_init(d, state) == FSW_VALID, "init");
+    for (int i = 0; i < 17; i++) (void)step_status(d, state, (fsw_real)(960 + 3 * i), 500, &u);
+
+    other = *state; /* plain data */
+    for (int i = 0; i < 17; i++) {
+        (void)step_status(d, state, (fsw_real)(950 + 5 * i), 500, &u);
+        (void)step_status(d, &other, (fsw_real)(950 + 5 * i), 500, &v);
+        CHECK(IS(u, v), "step %d of a copied state: %g, not %g", i, (double)v, (double)u);
+    }
+
+    for (uint16_t i = 0; i < d->rows; i++) line[i] = *fsw_issued(d, state, (uint16_t)(d->rows - i));
+    CHECK(fsw_init(d, &other) == FSW_VALID && fsw_preload(d, &other, line, state->wait) == FSW_VALID, "preload");
+    for (uint16_t i = 0; i < d->rows; i++)
+        CHECK(*fsw_issued(d, &other, (uint16_t)(d->rows - i)) == line[i], "row %u", (unsigned)i);
+    for (int i = 0; i < 17; i++) {
+        (void)step_status(d, state, (fsw_real)(950 + 5 * i), 500, &u);
+        (void)step_status(d, &other, (fsw_real)(950 + 5 * i), 500, &v);
+        CHECK(IS(u, v), "step %d after a restart: %g, not %g", i, (double)v, (double)u);
+    }
+
+    const fsw_state before = *state;
+    line[d->rows - 1] = d->level_count[0];
+    CHECK(fsw_preload(d, state, line, state->wait) == FSW_INCONSISTENT, "an index out of range");
+    CHECK(same_state(d, state, &before), "a refused preload changed the state");
+}
+
+static void counting_bad_samples(const fsw_design *paper, fsw_state *state)
+{
+    const uint16_t limits[] = {0, 1, 3, UINT16_MAX};
+    for (int i = 0; i < 4; i++) {
+        fsw_design d = *paper;
+        fsw_real u = 0;
+        d.bad_limit = limits[i];
+        CHECK(fsw_init(&d, state) == FSW_VALID, "init");
+        CHECK(step_status(&d, state, 0, 0, &u) == FSW_OK && IS(u, 1), "on: %g", (double)u);
+        uint32_t wrong = 0;
+        for (uint32_t bad = 1; bad <= 70000; bad++) {
+            const fsw_status expected = d.bad_limit > 0 && bad >= d.bad_limit ? FSW_SAFE : FSW_COASTING;
+            const fsw_status status = step_status(&d, state, (fsw_real)NAN, 0, &u);
+            wrong += status != expected || (status == FSW_SAFE && !IS(u, 0));
+        }
+        CHECK(wrong == 0, "limit %u: %u of 70000 samples", (unsigned)d.bad_limit, (unsigned)wrong);
+        CHECK(state->bad == UINT16_MAX, "limit %u: counted %u", (unsigned)d.bad_limit, (unsigned)state->bad);
+        CHECK(step_status(&d, state, 0, 0, &u) == FSW_OK && state->bad == 0 && IS(u, 1), "recovery: %g", (double)u);
+    }
+}
+
+/* A model that explodes cannot stand in for a measurement: the command is held. */
+static void coasting_beyond_all_numbers(const fsw_design *paper, fsw_state *state)
+{
+    const fsw_real explosion[] = {(fsw_real)1e20, 0, 0, (fsw_real)1e20};
+    fsw_design d = *paper;
+    fsw_real u;
+    d.model_x = explosion;
+    CHECK(fsw_init(&d, state) == FSW_VALID, "init");
+    CHECK(step_status(&d, state, 1, 1, &u) == FSW_OK && IS(u, 1), "on: %g", (double)u);
+    fsw_status status = FSW_COASTING;
+    for (int i = 0; i < 40; i++) {
+        status = step_status(&d, state, (fsw_real)NAN, 0, &u);
+        CHECK(IS(u, 0) || IS(u, 1), "step %d: %g", i, (double)u);
+        CHECK(isfinite((double)state->x[0]), "step %d", i);
+    }
+    CHECK(status == FSW_HELD, "status %d", (int)status);
+    CHECK(step_status(&d, state, 1, 1, &u) == FSW_OK, "recovery");
+}
+
+/* Costs beyond all numbers: the command stays an allowed one. */
+static void overflowing_costs(const fsw_design *d, fsw_state *state)
+{
+    const fsw_real large = sizeof(fsw_real) == sizeof(double) ? (fsw_real)1e280 : (fsw_real)1e28;
+    fsw_real u;
+    CHECK(fsw_init(d, state) == FSW_VALID, "init");
+    CHECK(step_status(d, state, 0, 0, &u) == FSW_OK && IS(u, 1), "on: %g", (double)u);
+    for (int i = 0; i < 3; i++) {
+        CHECK(step_status(d, state, large, -large, &u) == FSW_OK, "step %d", i);
+        CHECK(IS(u, 1), "step %d: the present command is %g", i, (double)u);
+    }
+    CHECK(step_status(d, state, 2000, 0, &u) == FSW_OK && IS(u, 0), "afterwards: %g", (double)u);
+}
+
+static void refused_designs(const fsw_design *good, fsw_state *state)
+{
+    static const uint8_t beyond[] = {2, 2, 2, 2, 2, 2, 2, 2}, none[] = {0};
+    static const uint16_t late[] = {6}, zero[] = {0};
+    static const uint32_t never[] = {0, 1};
+    fsw_design d = *good;
+#define REFUSED(field, value, why)                                                                                     \
+    do {                                                                                                               \
+        d = *good;                                                                                                     \
+        d.field = value;                                                                                               \
+        CHECK(fsw_init(&d, state) == why, #field " = " #value);                                                        \
+    } while (0)
+    REFUSED(states, FSW_MAX_STATES + 1, FSW_TOO_LARGE);
+    REFUSED(inputs, FSW_MAX_INPUTS + 1, FSW_TOO_LARGE);
+    REFUSED(outputs, FSW_MAX_OUTPUTS + 1, FSW_TOO_LARGE);
+    REFUSED(disturbances, FSW_MAX_DISTURBANCES + 1, FSW_TOO_LARGE);
+    REFUSED(states, 0, FSW_INCONSISTENT);
+    REFUSED(inputs, 0, FSW_INCONSISTENT);
+    REFUSED(outputs, 0, FSW_INCONSISTENT);
+    REFUSED(order, 0, FSW_INCONSISTENT);
+    REFUSED(candidates, 0, FSW_INCONSISTENT);
+    REFUSED(rows, 0, FSW_INCONSISTENT);
+    REFUSED(rows, 5, FSW_INCONSISTENT);
+    REFUSED(level_count, none, FSW_INCONSISTENT);
+    REFUSED(safe, beyond, FSW_INCONSISTENT);
+    REFUSED(candidate, beyond, FSW_INCONSISTENT);
+    REFUSED(pending, late, FSW_INCONSISTENT);
+    REFUSED(holds, zero, FSW_INCONSISTENT);
+    REFUSED(dwell, never, FSW_INCONSISTENT);
+    CHECK(fsw_init(good, state) == FSW_VALID, "the good one");
+}
+
+/* A delay line longer than its state: only where the limit is small enough for a design to exceed it. */
+static void refused_line(const fsw_design *good, fsw_state *state)
+{
+    fsw_design d = *good;
+    d.rows = UINT16_MAX;
+    d.inputs = 2;
+    CHECK((uint32_t)d.rows * d.inputs <= FSW_MAX_LINE || fsw_init(&d, state) == FSW_TOO_LARGE, "rows");
+}
+
+int main(int count, char **arguments)
+{
+    static fsw_state state;
+    for (int i = 1; i < count; i++) {
+        const json *file = json_file(arguments[i]);
+        subject = arguments[i];
+        golden(file);
+        const fsw_design d = design_from(file);
+        if (d.states != 2 || d.inputs != 1 || d.disturbances != 0 || d.rows != 6) continue;
+        bad_values(&d, &state);
+        denormal_values(&d, &state);
+        restart(&d, &state);
+        counting_bad_samples(&d, &state);
+        coasting_beyond_all_numbers(&d, &state);
+        overflowing_costs(&d, &state);
+        refused_designs(&d, &state);
+        refused_line(&d, &state);
+    }
+    printf("%u passed, %u failed\n", passed, failed);
+    return failed > 0 || passed == 0;
+}

@@ -1,0 +1,216 @@
+"""The C core: golden vectors in both arithmetics, its edges, and what firmware asks of it."""
+
+import json
+import os
+import shutil
+import subprocess
+import sysconfig
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vectors import make
+
+ROOT = Path(__file__).parent.parent
+CORE, HERE = ROOT / "core", Path(__file__).parent
+FILES = sorted((HERE / "vectors").glob("*.json"))
+STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-ffp-contract=off"]
+REALS = {"float64": [], "float32": ["-DFSW_SINGLE"]}
+
+
+def compilers():
+    """Those that are there, the one Python was built with or CC names first."""
+    named = (os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc").split()[0]
+    found = {shutil.which(name) for name in (named, "gcc", "clang")} - {None}
+    return sorted(found, key=lambda path: (Path(path).name != Path(named).name, path))
+
+
+COMPILERS = compilers()
+pytestmark = pytest.mark.skipif(not COMPILERS, reason="needs a C compiler")
+
+
+def compiled(*arguments, compiler=None):
+    """Whether the compiler takes it, and what it says."""
+    done = subprocess.run([compiler or COMPILERS[0], *map(str, arguments)], capture_output=True, text=True)
+    return done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="session", params=REALS)
+def program(request, tmp_path_factory):
+    """tests/core/test_core.c, with the address and undefined-behaviour sanitizers where they link."""
+    target = tmp_path_factory.mktemp("core") / request.param
+    sources = [HERE / "core" / "test_core.c", CORE / "foreswitch.c"]
+    plain = [*STRICT, "-g", "-O1", *REALS[request.param], f"-I{CORE}", "-o", target, *sources, "-lm"]
+    sanitizers = ["-fsanitize=address,undefined", "-fno-sanitize-recover"]
+    if not compiled(*sanitizers, *plain)[0]:
+        done, errors = compiled(*plain)
+        assert done, errors
+    return target
+
+
+# Golden vectors -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_the_core_takes_the_golden_steps_and_survives_its_edges(program, path):
+    """The edges (NaN, denormals, restarts, counters, refused designs) are tried on the paper's controller."""
+    environment = os.environ | {"ASAN_OPTIONS": "detect_leaks=0"}
+    done = subprocess.run([program, path], capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stdout + done.stderr
+    passed, failed = (int(word) for word in done.stdout.split() if word.isdigit())
+    assert failed == 0
+    assert passed > (300 if path.stem == "paper" else 100)
+
+
+def number(value):
+    """A number of a golden file, in which NaN and infinity are words."""
+    return [number(item) for item in value] if isinstance(value, list) else float(value)
+
+
+@pytest.mark.parametrize("real", REALS)
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_python_takes_the_same_steps(path, real):
+    """Problem in, commands out: design and core together."""
+    vector = json.loads(path.read_text())
+    case = {"problem": vector["problem"], "bad_limit": vector["problem"].pop("bad_limit"), **vector["start"]}
+    controller = make.controller(case, real)
+    assert len(vector["steps"]) >= 3
+    for k, step in enumerate(vector["steps"]):
+        arguments = number(step["x"]), np.array([step["reference"]])
+        given = {"disturbance": number(step["w"])} if step["w"] else {}
+        decision = controller.decide(*arguments, **given)
+        assert controller.step(*arguments, **given).tolist() == step["u"] == decision.u.tolist(), k
+        assert controller.status.name == step["status"] == decision.status.name, k
+        if step["costs"] is not None:
+            costs = np.array(number(step["costs"]))
+            largest = costs[np.isfinite(costs)].max()
+            assert decision.costs == pytest.approx(costs, rel=0, abs=largest * (1e-9 if real == "float64" else 1e-3)), k
+
+
+def test_the_golden_files_are_what_make_writes():
+    """To round-off: the last digits of a matrix exponential are the machine's."""
+    fresh = {name: json.loads(make.text(content)) for name, content in make.vectors().items()}
+    assert sorted(fresh) == [path.stem for path in FILES]
+    for path in FILES:
+        assert_same(fresh[path.stem], json.loads(path.read_text()), path.stem)
+
+
+def assert_same(fresh, stored, where):
+    """Equal structure and words, numbers equal to round-off."""
+    if isinstance(stored, dict):
+        assert list(fresh) == list(stored), where
+        for key in stored:
+            assert_same(fresh[key], stored[key], f"{where}: {key}")
+    elif isinstance(stored, list) and stored and all(type(item) is float for item in stored):
+        largest = max(map(abs, stored))
+        assert fresh == pytest.approx(stored, rel=1e-9, abs=1e-12 * largest), where
+    elif isinstance(stored, list):
+        assert len(fresh) == len(stored), where
+        for i, (a, b) in enumerate(zip(fresh, stored, strict=True)):
+            assert_same(a, b, f"{where}[{i}]")
+    elif isinstance(stored, float):
+        assert fresh == pytest.approx(stored, rel=1e-9), where
+    else:
+        assert fresh == stored, where
+
+
+def test_the_golden_files_hold_what_they_are_for():
+    """Every status, every level, dwell that forbids, and no close decision."""
+    vectors = {path.stem: json.loads(path.read_text()) for path in FILES}
+    statuses = {step["status"] for vector in vectors.values() for step in vector["steps"]}
+    assert statuses == {"OK", "COASTING", "HELD", "SAFE"}
+    for name, vector in vectors.items():
+        commands = {tuple(step["u"]) for step in vector["steps"]}
+        assert len(commands) > 1, name
+    dwell = vectors["dwell"]["steps"]
+    assert any("inf" in step["costs"] for step in dwell)
+    assert {step["u"][0] for step in dwell} == {-1.0, 0.0, 1.0}
+    assert len(vectors["two_inputs"]["design"]["candidate"]) == 2 * 4
+    for vector in vectors.values():
+        for step in vector["steps"]:
+            finite = sorted(c for c in number(step["costs"] or [0.0]) if isfinite(c))
+            assert len(finite) == 1 or finite[1] > 1.02 * finite[0]
+
+
+# Firmware -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def objects(tmp_path_factory):
+    """foreswitch.c compiled freestanding, per compiler, arithmetic and optimisation; no warning is let through."""
+    folder = tmp_path_factory.mktemp("objects")
+    made = {}
+    for compiler in COMPILERS:
+        for real, define in REALS.items():
+            for level in ("-O0", "-O2", "-Os"):
+                target = folder / f"{Path(compiler).name}_{real}{level}.o"
+                arguments = [*STRICT, "-ffreestanding", level, *define, "-c", CORE / "foreswitch.c", "-o", target]
+                done, errors = compiled(*arguments, compiler=compiler)
+                assert done, errors
+                made[target.stem] = target
+    return made
+
+
+def symbols(path):
+    """Type and name of every symbol."""
+    lines = subprocess.run(["nm", "-P", path], capture_output=True, text=True, check=True).stdout.splitlines()
+    return [(line.split()[1], line.split()[0].lstrip("_")) for line in lines]
+
+
+@pytest.mark.skipif(shutil.which("nm") is None, reason="needs nm")
+def test_the_core_calls_nothing_and_owns_no_writable_data(objects):
+    """What a freestanding compiler itself may call is all it may need: no heap, no stdio, no mathematics library."""
+    assert objects
+    for name, path in objects.items():
+        found = symbols(path)
+        undefined = {symbol for kind, symbol in found if kind in "Uvw"}
+        assert undefined <= {"memcpy", "memset", "memmove", "memcmp"}, name
+        assert not [symbol for kind, symbol in found if kind in "bBdDcCsS"], name
+        public = {symbol for kind, symbol in found if kind == "T"}
+        assert public >= {"fsw_init", "fsw_preload", "fsw_issued", "fsw_decide", "fsw_step"}, name
+        assert all(symbol.startswith("fsw_") for symbol in public), name
+
+
+def test_the_sources_use_neither_heap_nor_stdio():
+    text = (CORE / "foreswitch.c").read_text() + (CORE / "foreswitch.h").read_text()
+    headers = {line.split()[1] for line in text.splitlines() if line.startswith("#include")}
+    assert headers == {'"foreswitch.h"', "<stdint.h>"}
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="needs a C++ compiler")
+def test_the_header_is_also_cpp(tmp_path):
+    source = tmp_path / "use.cpp"
+    source.write_text(
+        '#include "foreswitch.h"\n#include "foreswitch.h"\nint main() { return sizeof(fsw_state) == 0; }\n'
+    )
+    flags = ["-std=c++11", "-pedantic", "-Wall", "-Wextra", "-Werror", f"-I{CORE}", "-fsyntax-only"]
+    done, errors = compiled(*flags, source, compiler=shutil.which("g++"))
+    assert done, errors
+
+
+PAPER_LIMITS = {"STATES": 2, "INPUTS": 1, "OUTPUTS": 1, "DISTURBANCES": 1, "LINE": 6}
+
+
+@pytest.mark.parametrize(("most", "fits"), [(96, True), (16, False)])
+def test_the_state_of_the_papers_controller_fits_96_bytes(tmp_path, most, fits):
+    """As the compiler sees it, so that a cross compiler could be asked too; 16 bytes show that it looks."""
+    source = tmp_path / "size.c"
+    source.write_text(f'#include "foreswitch.h"\nextern char fits[sizeof(fsw_state) <= {most} ? 1 : -1];\n')
+    limits = [f"-DFSW_MAX_{name}={value}" for name, value in PAPER_LIMITS.items()]
+    done, _ = compiled(*STRICT, "-DFSW_SINGLE", *limits, f"-I{CORE}", "-fsyntax-only", source)
+    assert done == fits
+
+
+def test_a_core_cut_to_size_takes_the_same_steps(tmp_path):
+    """The limits of the paper's controller, as an exported design would set them."""
+    limits = [f"-DFSW_MAX_{name}={value}" for name, value in PAPER_LIMITS.items()]
+    target = tmp_path / "cut"
+    sources = [HERE / "core" / "test_core.c", CORE / "foreswitch.c"]
+    # gcc cannot see that a checked design keeps within arrays of one element, and warns
+    flags = [*STRICT, "-Wno-error", "-O2", "-DFSW_SINGLE", *limits, f"-I{CORE}"]
+    done, errors = compiled(*flags, "-o", target, *sources, "-lm")
+    assert done, errors
+    ran = subprocess.run([target, HERE / "vectors" / "paper.json"], capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stdout

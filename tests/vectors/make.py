@@ -1,0 +1,255 @@
+"""Golden vectors: problems, the design the library makes of them, and what the plain transcription expects of each step.
+
+``python tests/vectors/make.py`` writes one JSON file per case. The arrays under "design" are the C core's own and come
+from the library; statuses, costs and commands come from oracle.py and from `Watch` below, which fold nothing. The
+margin between the two best candidates is wide, so that single precision decides alike. Numbers that JSON lacks are the
+strings "nan", "inf" and "-inf".
+"""
+
+import json
+import sys
+import warnings
+from math import inf, isfinite, nan
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+import foreswitch as fsw  # noqa: E402
+from oracle import Law  # noqa: E402
+
+SIZES = ["states", "inputs", "outputs", "disturbances", "order", "rows", "candidates", "bad_limit"]
+ARRAYS = [
+    "level_count", "pending", "holds", "exact_levels", "levels", "candidate", "safe", "state_row", "disturbance_row",
+    "offset", "reference_row", "half_weight", "pending_table", "hold_row", "total_row", "rest_reference",
+    "rest_disturbance", "rest_offset", "dwell", "switch_cost", "model_x", "model_old", "model_new", "model_w", "model_c",
+]  # fmt: skip
+
+PAPER = {
+    "A": [[0.0, 1.0], [0.0, -1.0 / 0.006]], "B": [[0.0], [16500.0 / 0.006]], "C": [[1.0, 0.0]],
+    "delay": [0.005], "levels": [[0.0, 1.0]], "Ts": 0.001, "Td": 0.020, "lam": [2500.0], "r": [2],
+}  # fmt: skip
+TWO_INPUTS = {
+    "A": [[-1.0, 0.4, 0.0], [-0.3, -0.7, 0.2], [0.1, 0.0, -0.5]], "B": [[1.0, 0.2], [0.1, 0.8], [0.3, 0.5]],
+    "C": [[1.0, 0.0, 0.2], [0.0, 1.0, 0.0]], "E": [[0.3], [0.0], [1.0]], "delay": [0.37, 0.15],
+    "u_offset": [0.2, 0.0], "y_offset": [0.5, -0.3], "levels": [[0.0, 1.0], [-1.0, 0.0, 2.0]], "Ts": 0.1, "Td": 0.45,
+    "lam": [3.0, 5.0], "weight": [1.0, 4.0], "r": [1, 1], "forbidden": [(1.0, 2.0), (0.0, -1.0)],
+}  # fmt: skip
+MASS = {
+    "A": [[0.0, 1.0], [0.0, 0.0]], "B": [[0.0], [1.0]], "C": [[1.0, 0.0]], "delay": [0.3],
+    "levels": [[-1.0, 0.0, 1.0]], "Ts": 0.1, "Td": 0.8, "lam": [2.0], "r": [2],
+    "min_on": [0.3], "min_off": [0.2], "switch_cost": [0.02],
+}  # fmt: skip
+VENTED = PAPER | {"E": [[-1.0], [0.0]], "delay": [0.0043], "safe": [0.0]}
+OVEN = {
+    "A": [[-0.01]], "B": [[1.0]], "C": [[1.0]], "delay": [20.0], "levels": [[0.0, 0.5, 1.0]], "Ts": 1.0, "Td": 20.0,
+    "lam": [1.0], "r": [1], "tail": "zero",
+}  # fmt: skip
+
+CASES = {
+    "paper": {
+        "about": "The paper's controller on a rising reference.",
+        "problem": PAPER,
+        "x": [470.0, 2000.0],
+        "reference": lambda t: [[500.0 + 500.0 * np.sin(2 * np.pi * t), 1000.0 * np.pi * np.cos(2 * np.pi * t)]],
+    },
+    "two_inputs": {
+        "about": "Two inputs with unequal fractional dead times, forbidden combinations, a disturbance, an operating point.",
+        "problem": TWO_INPUTS,
+        "pending": [(0.0, 0.0), (1.0, -1.0), (1.0, 0.0), (0.0, 2.0)],
+        "reference": lambda t: [[0.8 + 0.5 * np.sin(3.0 * t)], [0.4 * np.cos(2.0 * t)]],
+        "w": lambda t: [0.3 * np.sin(5.0 * t)],
+    },
+    "dwell": {
+        "about": "Dwell running at the start, a cost per switch, three levels.",
+        "problem": MASS,
+        "pending": [(0.0,), (1.0,), (1.0,)],
+        "elapsed": [0.1],
+        "reference": lambda t: [[0.4 * np.sin(2.0 * t), 0.8 * np.cos(2.0 * t)]],
+    },
+    "faults": {
+        "about": "Bad measurements: held before the first good one, coasted through, the safe level after four in a row.",
+        "problem": VENTED,
+        "bad_limit": 4,
+        "pending": [(1.0,)] * 5,
+        "reference": lambda t: [[70.0 + 7000.0 * t, 7000.0]],
+        "w": lambda t: [300.0 + 5000.0 * t],
+        "bad": {0: [nan, 0.0], 1: [inf, nan], 5: [1e300, 0.0], 6: [0.0, -inf], 10: [nan, nan], 11: [nan, 0.0],
+                12: [nan, 0.0], 13: [nan, 0.0], 14: [nan, 0.0], 18: [0.0, nan]},
+        "bad_w": {7: [nan], 18: [inf]},
+    },
+    "zero_tail": {
+        "about": "The paper's tail to the letter, first order, three levels.",
+        "problem": OVEN,
+        "x": [47.8],
+        "reference": lambda t: [[40.0]],
+    },
+}  # fmt: skip
+STEPS = 24
+
+
+class Watch:
+    """What is used in place of a measurement, and which status that is; theory.md section 8."""
+
+    def __init__(self, bad_limit, states, disturbances):
+        self.limit, self.bad, self.expected = bad_limit, 0, None
+        self.x, self.w = np.zeros(states), np.zeros(disturbances)
+
+    def observe(self, x, w):
+        """Status and the x and w to predict with."""
+        status = "OK"
+        if all(map(usable, w)):
+            self.w = np.array(w, float)
+        else:
+            status = "COASTING"
+        if all(map(usable, x)):
+            self.x = np.array(x, float)
+        elif self.expected is None:
+            status = "HELD"
+        else:
+            status, self.x = "COASTING", self.expected
+        self.bad = 0 if status == "OK" else self.bad + 1
+        return "SAFE" if self.limit and self.bad >= self.limit else status
+
+    def advance(self, law, u, held):
+        """The state expected at the next instant, once anything has been measured."""
+        if not held:
+            self.expected = law.state_after(law.Ts, self.x, self.w, u, [1] * law.m, u)
+
+
+def usable(value):
+    return isfinite(value) and abs(value) <= 1e30
+
+
+def complete(problem):
+    """All arguments of the transcription."""
+    m, q, n = len(problem["delay"]), len(problem["C"]), len(problem["A"])
+    default = {
+        "E": np.zeros((n, 0)), "u_offset": [0.0] * m, "y_offset": [0.0] * q, "weight": [1.0] * q, "tail": "rest",
+        "min_on": [0.0] * m, "min_off": [0.0] * m, "switch_cost": [0.0] * m, "forbidden": [],
+        "safe": [min(levels, key=abs) for levels in problem["levels"]],
+    }  # fmt: skip
+    return default | problem
+
+
+def controller(case, real="float64"):
+    """The library's controller of a case, as it starts."""
+    p = complete(case["problem"])
+    plant = fsw.Plant(
+        p["A"], p["B"], p["C"], E=p["E"], input_delay=p["delay"], u_offset=p["u_offset"], y_offset=p["y_offset"]
+    )
+    objective = fsw.Endpoint(p["Td"], p["lam"], tail=p["tail"], weight=p["weight"])
+    options = {name: p[name] for name in ("min_on", "min_off", "switch_cost", "forbidden")}
+    if case["bad_limit"]:
+        options |= {"safe_level": p["safe"], "bad_limit": case["bad_limit"]}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        result = fsw.Controller(plant, p["levels"], p["Ts"], objective, real=real, **options)
+    result.reset(pending=case["pending"], elapsed=case["elapsed"])
+    return result
+
+
+def design(made):
+    """The core's sizes and arrays by name."""
+    sizes, arrays = made._parts
+    named = dict(zip(SIZES, sizes, strict=True))
+    named |= {name: None if array is None else array.tolist() for name, array in zip(ARRAYS, arrays, strict=True)}
+    del named["exact_levels"]
+    return named
+
+
+def decided(costs):
+    """Whether the best candidate is better by more than single precision could blur."""
+    ordered = sorted(cost for cost in costs if isfinite(cost))
+    return len(ordered) == 1 or ordered[1] - ordered[0] > 0.02 * ordered[1]
+
+
+def started(case):
+    """The transcription of a case, as it starts."""
+    law = Law(**complete(case["problem"]))
+    law.reset(case["pending"], case["elapsed"])
+    return law
+
+
+def line(law, rows):
+    """Level indices of the last commands issued, oldest first."""
+    history = ([law.history[0]] * rows + law.history)[-rows:]
+    return [levels.index(value) for command in history for levels, value in zip(law.levels, command, strict=True)]
+
+
+def steps(case, law):
+    """Inputs and expectations, the plant being the model."""
+    watch = Watch(case["bad_limit"], law.n, law.E.shape[1])
+    x = np.array(case.get("x", [0.0] * law.n))
+    for k in range(STEPS):
+        t = k * law.Ts
+        w = np.array(case["w"](t) if "w" in case else [], float)
+        reference = np.array(case["reference"](t), float)
+        shown, shown_w = case.get("bad", {}).get(k, x.tolist()), case.get("bad_w", {}).get(k, w.tolist())
+        status = watch.observe(shown, shown_w)
+        costs = None
+        if status == "HELD":
+            u = np.array(law.history[-1])
+        elif status == "SAFE":
+            u = np.array(law.safe)
+        else:
+            while not decided(costs := law.costs(watch.x, watch.w, reference)):
+                reference[0, 0] += 0.01 * max(1.0, abs(reference[0, 0]))
+            u = law.candidates[law.choice(costs)]
+        yield {
+            "x": shown, "reference": reference.tolist(), "w": shown_w,
+            "status": status, "costs": None if costs is None else costs.tolist(), "u": u.tolist(),
+        }  # fmt: skip
+        watch.advance(law, u, held=watch.expected is None and status == "HELD")
+        x = law.state_after(law.Ts, x, w, u, [1] * law.m, u)
+        law.issue(u)
+
+
+def vectors():
+    """Content of every file by name."""
+    result = {}
+    for name, case in CASES.items():
+        case = {"bad_limit": 0, "pending": None, "elapsed": None} | case
+        made = controller(case)
+        problem, law = complete(case["problem"]), started(case)
+        result[name] = {
+            "about": case["about"],
+            "problem": problem | {"E": np.asarray(problem["E"]).tolist(), "bad_limit": case["bad_limit"]},
+            "start": {"pending": case["pending"], "elapsed": case["elapsed"]},
+            "design": design(made),
+            "line": line(law, made.pending_steps + 1),
+            "wait": list(law.remaining),
+            "steps": list(steps(case, law)),
+        }
+    return result
+
+
+def spelled(value):
+    """JSON has no NaN and no infinity."""
+    if isinstance(value, dict):
+        return {key: spelled(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [spelled(item) for item in value]
+    return str(value) if isinstance(value, float) and not isfinite(value) else value
+
+
+def text(content):
+    """One line per entry and per step."""
+    lines = []
+    for key, value in spelled(content).items():
+        if key in ("design", "problem"):
+            inner = ",\n".join(f"  {json.dumps(k)}: {json.dumps(v)}" for k, v in value.items())
+            lines.append(f"{json.dumps(key)}: {{\n{inner}\n }}")
+        elif key == "steps":
+            inner = ",\n".join("  " + json.dumps(step) for step in value)
+            lines.append(f'"steps": [\n{inner}\n ]')
+        else:
+            lines.append(f"{json.dumps(key)}: {json.dumps(value)}")
+    return "{\n " + ",\n ".join(lines) + "\n}\n"
+
+
+if __name__ == "__main__":
+    for name, content in vectors().items():
+        (HERE / f"{name}.json").write_text(text(content))

@@ -149,7 +149,7 @@ class Relay(Baseline):
     deadband : float
         Where > 0 and the safe level lies between others: safe level within +-deadband [unit of y].
     lead : float
-        s.
+        Seconds.
     """
 
     KIND = 0

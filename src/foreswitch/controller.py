@@ -32,7 +32,7 @@ class Status(IntEnum):
 
     @property
     def remedy(self) -> str:
-        """One sentence: what happened and what to do."""
+        """What happened and what to do, in one sentence."""
         return REMEDIES[self]
 
 
@@ -166,6 +166,18 @@ class Controller:
         Bad measurements in a row that force the declared safe level.
     real : {"float64", "float32"}
         Arithmetic of the core.
+
+    Attributes
+    ----------
+    lag : float or ndarray, shape (q,)
+        Steady ramp error per unit slope of the ideal loop, all derivatives supplied and the reference
+        sampled at t_k [s]. NaN where the DC gain is 0.
+    dc_gain : float or ndarray, shape (q, q)
+        DC gain of the ideal loop yd -> y.
+    relative_degree : ndarray, shape (q,)
+        Derivatives of each output until an input appears.
+    status : Status
+        Of the latest step.
 
     Raises
     ------
@@ -308,10 +320,7 @@ class Controller:
         gain, lag = prediction.ideal_response(
             self._model, self._rows, self._sliding, self._rest, plant.C, self._weight, self.Ts
         )
-        #: Steady ramp error per unit slope of the ideal loop, all derivatives supplied and the reference
-        #: sampled at t_k [s]; float for one output, else (q,). NaN where the DC gain is 0.
         self.lag = float(lag[0]) if q == 1 else lag
-        #: DC gain of the ideal loop yd -> y; float for one output, else (q, q).
         self.dc_gain = float(gain[0, 0]) if q == 1 else gain
 
     def _degrees(self) -> np.ndarray[Any, np.dtype[np.int64]]:
@@ -410,7 +419,7 @@ class Controller:
 
     @property
     def pending_steps(self) -> int:
-        """Commands under way: the longest dead time in periods, rounded up."""
+        """Commands under way, as many as the longest dead time has periods, rounded up."""
         return max(self._model.delay)
 
     # ---- Run time ----
@@ -456,7 +465,6 @@ class Controller:
             for j in range(m):
                 wait[j] = _check.periods(self._dwell_seconds[j][line[-1, j]] - since[j], self.Ts)
         self._core.preload(line.ravel(), wait)
-        #: Status of the latest step.
         self.status = Status.OK
 
     def step(self, x: ArrayLike, reference: ArrayLike, *, disturbance: ArrayLike | None = None) -> Array:

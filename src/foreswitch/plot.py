@@ -56,7 +56,7 @@ def time_plot(
     Parameters
     ----------
     t : ndarray, shape (K+1,)
-        s.
+        Seconds.
     y, r : ndarray, shape (K+1, q)
     u : ndarray, shape (K, m)
     output_names, input_names : sequence of str

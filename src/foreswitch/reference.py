@@ -133,7 +133,7 @@ class Ramp(Reference):
     slope : float
         Unit of y per second.
     start : float
-        s.
+        Seconds.
     offset : float
         Unit of y.
     """
@@ -334,7 +334,7 @@ def sample(reference: Callable[..., ArrayLike] | ArrayLike, t: Array, outputs: i
     reference : callable or array_like
         A `Reference`, any callable from t (K,) to (K,), (K, outputs) or (K, outputs, order), or a constant.
     t : ndarray, shape (K,)
-        s.
+        Seconds.
     outputs : int or None
         Outputs wanted; None: as many as there are.
     order : int

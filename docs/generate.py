@@ -1,0 +1,291 @@
+"""What the pages take from the code: tables, help texts, pictures. Needs foreswitch only, no Sphinx."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin
+
+import figures
+import numpy as np
+from pydantic_core import PydanticUndefined
+from typer.testing import CliRunner
+
+from foreswitch import Status, cli, report
+from foreswitch.demo import Demo, hot_gas_file, run_demo
+from foreswitch.project import (
+    ActuatorTable,
+    Choice,
+    ControllerTable,
+    PlantTable,
+    Project,
+    ReferenceTable,
+    SimulationTable,
+    Table,
+    Valve,
+)
+
+ROOT = Path(__file__).resolve().parent.parent
+
+#: TOML tables in the order of the file.
+TABLES: dict[str, type[Table]] = {
+    "plant": PlantTable,
+    "actuator": ActuatorTable,
+    "controller": ControllerTable,
+    "reference": ReferenceTable,
+    "simulation": SimulationTable,
+    "simulation.disturbance": Valve,
+}
+WORDS = {float: "number", int: "whole number", str: "text", bool: "true, false", Valve: "table", PlantTable: "table"}
+
+
+# Markdown ------------------------------------------------------------------------------------------------------------
+
+
+def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A pipe table."""
+
+    def line(cells: Sequence[str]) -> str:
+        return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
+
+    return "\n".join([line(heads), line(["---"] * len(heads)), *map(line, rows)]) + "\n"
+
+
+# Project file --------------------------------------------------------------------------------------------------------
+
+
+def words(annotation: Any, plural: str = "") -> str:
+    """A type in the words of a TOML file."""
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin is Literal:
+        return ", ".join(f'`"{value}"`' for value in inner)
+    if origin in (Union, UnionType):
+        return " or ".join(words(item, plural) for item in inner if item is not NoneType)
+    if origin is list:
+        return f"list{plural} of {words(inner[0], 's')}"
+    return WORDS[annotation] + plural
+
+
+def key_rows() -> Iterator[list[str]]:
+    """One row for each key: key with its table, value, default, meaning."""
+    for table, model in TABLES.items():
+        for key, field in model.model_fields.items():
+            if field.default is PydanticUndefined:
+                default = "needed"
+            elif field.default is None:
+                default = ""
+            else:
+                default = f"`{json.dumps(field.default)}`"
+            yield [f"`{table}.{key}`", words(field.annotation), default, field.description or ""]
+
+
+def choice_rows() -> Iterator[list[str]]:
+    """One row for each choice of a table: the keys it needs, and those it may have."""
+    for table, model in TABLES.items():
+        if issubclass(model, Choice):
+            for choice, (needed, optional) in model.USES.items():
+                keys = [", ".join(f"`{key}`" for key in group) for group in (needed, optional)]
+                yield [f'`[{table}]` `{model.BY} = "{choice}"`', *keys]
+
+
+# Command line --------------------------------------------------------------------------------------------------------
+
+
+def verbs() -> list[str]:
+    """Every verb of the command line."""
+    return [command.callback.__name__ for command in cli.app.registered_commands if command.callback]
+
+
+def help_text(verb: str) -> str:
+    """What ``foreswitch VERB --help`` prints."""
+    result = CliRunner().invoke(cli.app, [verb, "--help"], prog_name="foreswitch")
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+# Statuses ------------------------------------------------------------------------------------------------------------
+
+
+def status_rows() -> Iterator[list[str]]:
+    """Each run-time status with its number and its remedy."""
+    for status in Status:
+        yield [f"`{status.name}`", str(int(status)), status.remedy]
+
+
+# Demo ----------------------------------------------------------------------------------------------------------------
+
+
+def section_page(section: report.Section) -> str:
+    """A section of the report without its heading."""
+    parts = list(section.text)
+    for table in section.tables:
+        parts += [markdown_table(table.heads, table.rows)] + ([f"*{table.caption}*"] if table.caption else [])
+    for picture in section.pictures:
+        parts.append(
+            f"```{{figure}} /_generated/demo/{picture.name}.svg\n:alt: {picture.caption}\n\n{picture.caption}\n```"
+        )
+    return "\n\n".join(parts) + "\n"
+
+
+def core_values() -> dict[str, str]:
+    """What a step of the demo's controller costs, by the sum that core/foreswitch.h gives."""
+    law = Project.read(hot_gas_file()).controller
+    n, m, q, p = law.plant.states, law.plant.inputs, law.plant.outputs, law.plant.disturbances
+    candidates = len(law.decide(np.zeros(n), 0.0).candidates)
+    pending = sum(math.ceil(tau / law.Ts - 1e-9) for tau in law.plant.input_delay)
+    return {"multiply_adds": str(q * (n + p + law.order + pending + candidates * m) + m * q)}
+
+
+def demo_values(demo: Demo) -> dict[str, str]:
+    """Figures of the demo for the text."""
+
+    def rms(runs: dict[str, Any], name: str) -> str:
+        return report.number(runs[name].metrics()["rms_error"])
+
+    tuned = {name: best.run for name, best in demo.tuned.items()}
+    values = {}
+    for name, short in (("predictive", "causal"), ("predictive, preview", "ahead"), ("dead time ignored", "ignored")):
+        values[f"demo_{short}"] = rms(demo.tracking, name)
+    for name, short in (("PI + PWM", "pi"), ("Smith predictor + PWM", "smith"), ("relay with hysteresis", "relay")):
+        values[f"demo_{short}"] = rms(tuned, name)
+    return values | {"demo_lag": report.number(demo.tracking["predictive"].metrics()["lag"] * 1e3)}
+
+
+# Gallery -------------------------------------------------------------------------------------------------------------
+
+
+def examples() -> list[Path]:
+    """Folders of examples with a script and a text; the paper's plant first."""
+    found = [script.parent for script in (ROOT / "examples").glob("*/run.py") if (script.parent / "README.md").exists()]
+    return sorted(found, key=lambda folder: (folder.name != "hot_gas", folder.name))
+
+
+def run_examples(folder: Path) -> None:
+    """Run every example into a folder of its own; what it prints goes beside its pictures. All at once."""
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONWARNINGS": "error"}
+    running = {}
+    for example in examples():
+        out = folder / example.name
+        out.mkdir()
+        command = [sys.executable, str(example / "run.py"), str(out)]
+        running[example.name] = out, subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+    for name, (out, process) in running.items():
+        printed, _ = process.communicate()
+        if process.returncode:
+            raise RuntimeError(f"examples/{name}/run.py failed with exit code {process.returncode}")
+        (out / "printed.txt").write_text(printed)
+
+
+def example_text(example: Path, out: Path) -> str:
+    """An example's README as part of a page: headings one level down, pictures and files from where they are now."""
+
+    def link(match: re.Match[str]) -> str:
+        picture, words, target = match.groups()
+        name = Path(target).name
+        if picture:
+            drawn = out / name
+            vector = drawn.with_suffix(".svg")
+            found = vector if vector.exists() else drawn
+            if not found.exists():
+                raise ValueError(f"{example.name}/README.md shows {target}, which run.py does not draw")
+            return f"![{words}](/_generated/gallery/{example.name}/{found.name})"
+        if target.startswith("../../docs/"):
+            return f"[{words}]({target.removeprefix('../../docs/')})"
+        if not target.startswith(("http", "#")) and (example / target).is_file():
+            return f"{{download}}`{words.strip('`')} <../examples/{example.name}/{target}>`"
+        return match[0]
+
+    pieces = re.split(
+        r"^(```.*?^```$)", (example / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE
+    )
+    for i in range(0, len(pieces), 2):  # fenced blocks, at odd places, stay as they are
+        deeper = re.sub(r"^#", "##", pieces[i], flags=re.MULTILINE)
+        pieces[i] = re.sub(r"(!?)\[([^\]]*)\]\(([^)]+)\)", link, deeper)
+    return "".join(pieces)
+
+
+def gallery_page(folder: Path) -> str:
+    """Each example: its text, what its script printed and drew, its files."""
+    parts = []
+    for example in examples():
+        name, out = example.name, folder / example.name
+        text = example_text(example, out)
+        parts.append(text)
+        drawn = sorted(out.glob("*.svg"), key=lambda path: (path.stem != "picture", path.stem))
+        shown = [f"/_generated/gallery/{name}/{path.name}" for path in drawn]
+        parts += [f"![{path.stem}]({where})" for path, where in zip(drawn, shown, strict=True) if where not in text]
+        printed = (out / "printed.txt").read_text()
+        if printed.strip() not in text:
+            parts += [f"`examples/{name}/run.py` prints:", f"```text\n{printed}```"]
+        files = sorted(path.name for path in example.iterdir() if path.suffix in (".toml", ".py", ".csv"))
+        parts.append("Files: " + ", ".join(f"{{download}}`{each} <../examples/{name}/{each}>`" for each in files) + ".")
+    return "\n\n".join(parts) + "\n"
+
+
+# Numbers in the text --------------------------------------------------------------------------------------------------
+
+#: Sentences of the pages, their numbers left open.
+CLAIMS = {
+    "theory.md": [
+        "a model that says 5 ms leaves {round_down} kPa rms, one that says 6 ms {round_up} kPa, and the true one "
+        "{round_exact} kPa",
+        "is held at {zero_5} K with $T_d = 5$ s, at {zero_20} K with 20 s, at {zero_50} K with 50 s, and is stuck full "
+        "on with 100 s ({zero_100} K)",
+        "the oven's mean is within {rest_off} K of the set point",
+        "the ripple is the {rest_ripple} K",
+        "With the paper's numbers that is {lag_ms} ms, and {lag_measured_ms} ms is measured",
+        "$T_u + T_d$, which would be {paper_lag_ms} ms",
+        "the rms error is {preview_now} kPa without preview, {preview_lag} kPa with the lag, and {preview_instant} kPa "
+        "at the evaluation instant",
+        "{paper_lag_ms} ms for its plant | {lag_ms} ms, by",
+    ],
+    "baselines.md": [
+        "It leaves {demo_pi} kPa, the Smith predictor {demo_smith} kPa; the predictive law leaves {demo_causal} kPa, "
+        "nearly all of it the lag of {demo_lag} ms",
+        "with {demo_ahead} kPa and nothing tuned",
+        "the same law leaves {demo_ignored} kPa",
+        "leaves {demo_relay} kPa however it is tuned",
+    ],
+    "c_api.md": ["{multiply_adds} for the demo's controller"],
+}
+
+
+def false_claims(values: dict[str, str]) -> list[str]:
+    """Sentences that a page ought to hold with the numbers just computed, and does not."""
+    false = []
+    for page, sentences in CLAIMS.items():
+        text = " ".join((ROOT / "docs" / page).read_text(encoding="utf-8").split())
+        false += [f"{page}: {claim}" for claim in (each.format_map(values) for each in sentences) if claim not in text]
+    return false
+
+
+# All -----------------------------------------------------------------------------------------------------------------
+
+
+def build(folder: Path) -> None:
+    """Write everything that the pages take from the code into the folder."""
+    shutil.rmtree(folder, ignore_errors=True)
+    (folder / "gallery").mkdir(parents=True)
+    (folder / "keys.md").write_text(markdown_table(["key", "value", "default", "meaning"], key_rows()))
+    (folder / "choices.md").write_text(markdown_table(["choice", "needs", "may have"], choice_rows()))
+    (folder / "status.md").write_text(markdown_table(["status", "value", "what it says"], status_rows()))
+    for verb in verbs():
+        (folder / f"help_{verb}.txt").write_text(help_text(verb))
+    run_examples(folder / "gallery")
+    (folder / "gallery.md").write_text(gallery_page(folder / "gallery"))
+    demo = run_demo()
+    (folder / "demo").mkdir()
+    demo.report.write(folder / "demo")
+    for section in demo.report.sections:
+        (folder / f"demo_{section.pictures[0].name}.md").write_text(section_page(section))
+    false = false_claims(figures.draw(folder) | demo_values(demo) | core_values())
+    if false:
+        raise ValueError("the text no longer says what is computed; it should read: " + "; ".join(false))

@@ -1,0 +1,170 @@
+"""The package's own rules: who imports whom, what is exported, and that everything public is documented."""
+
+import ast
+import doctest
+import importlib
+import inspect
+import re
+from pathlib import Path
+
+import pytest
+
+import foreswitch as fsw
+
+SOURCE = Path(fsw.__file__).parent
+MODULES = sorted(path.stem for path in SOURCE.glob("*.py"))
+
+# Data flows one way: a module may import from rows above its own, never from its own row or below.
+ORDER = [
+    {"plant"},
+    {"prediction", "reference", "objective", "nonlinear", "plot"},
+    {"core", "hardware"},
+    {"controller"},
+    {"loop"},
+    {"baselines"},
+    {"project"},
+    {"report"},
+    {"demo"},
+    {"cli"},
+]
+EXTENSIONS = {"_core_float32", "_core_float64"}
+
+
+def imported(module):
+    """Siblings that a module imports, anywhere in it."""
+    tree = ast.parse((SOURCE / f"{module}.py").read_text())
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[1] for alias in node.names if alias.name.startswith("foreswitch.")}
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "foreswitch":
+            below = node.module.split(".")[1:]
+            names |= {below[0]} if below else {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{module} imports relatively"
+    return names
+
+
+def row(module):
+    return next(i for i, modules in enumerate(ORDER) if module in modules)
+
+
+def test_every_module_has_its_place():
+    assert {name for name in MODULES if not name.startswith("_")} - set().union(*ORDER) == set()
+
+
+@pytest.mark.parametrize("module", [name for name in MODULES if name != "__init__"])
+def test_imports_follow_the_flow_of_data(module):
+    """Helpers, whose names start with _, serve all and import only each other."""
+    siblings = imported(module) - EXTENSIONS
+    if module.startswith("_"):
+        assert {name for name in siblings if not name.startswith("_")} == set()
+    else:
+        assert {name for name in siblings if not name.startswith("_") and row(name) >= row(module)} == set()
+
+
+def test_only_core_touches_the_extension_modules():
+    assert {name for name in MODULES if imported(name) & EXTENSIONS} == {"core"}
+
+
+def test_importing_the_package_needs_no_extra():
+    """Optional libraries are imported where they are used."""
+    optional = {"control", "pandas", "fmpy", "dask"}
+    for module in MODULES:
+        top = ast.parse((SOURCE / f"{module}.py").read_text()).body
+        names = {alias.name.split(".")[0] for node in top if isinstance(node, ast.Import) for alias in node.names}
+        names |= {(node.module or "").split(".")[0] for node in top if isinstance(node, ast.ImportFrom)}
+        assert not names & optional, module
+
+
+# Names ----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_all_names_exist_and_stand_once(module):
+    loaded = fsw if module == "__init__" else importlib.import_module(f"foreswitch.{module}")
+    listed = loaded.__all__
+    assert len(set(listed)) == len(listed)
+    assert [name for name in listed if not hasattr(loaded, name)] == []
+
+
+def test_the_contract_names_are_there():
+    assert {"Plant", "Controller", "Endpoint", "Sine", "Ramp", "Steps", "HalfSine", "Samples", "Stack"} <= set(
+        fsw.__all__
+    )
+    assert {"simulate", "Run", "Decision", "Status", "baselines"} <= set(fsw.__all__)
+
+
+# Documentation --------------------------------------------------------------------------------------------------------
+
+
+def public_objects():
+    """Every public class, function and method by dotted name."""
+    found = {f"foreswitch.{name}": getattr(fsw, name) for name in fsw.__all__}
+    found |= {f"foreswitch.baselines.{name}": getattr(fsw.baselines, name) for name in fsw.baselines.__all__}
+    for name, item in list(found.items()):
+        if inspect.isclass(item):
+            for attribute, value in vars(item).items():
+                plain = value.__func__ if isinstance(value, (classmethod, staticmethod)) else value
+                if not attribute.startswith("_") and (inspect.isfunction(plain) or isinstance(plain, property)):
+                    found[f"{name}.{attribute}"] = plain
+    return {name: item for name, item in found.items() if not inspect.ismodule(item)}
+
+
+PUBLIC = public_objects()
+
+
+def parameters(item):
+    """Names that a call takes; none for properties and enumerations."""
+    if isinstance(item, property) or (inspect.isclass(item) and issubclass(item, (int, BaseException))):
+        return []
+    return [name for name in inspect.signature(item).parameters if name not in ("self", "cls")]
+
+
+def documented(item):
+    """Names in the Parameters or Attributes section; `a, b : type` names both."""
+    lines = inspect.cleandoc(item.__doc__).splitlines()
+    names = set()
+    for i, line in enumerate(lines[:-1]):
+        if line in ("Parameters", "Attributes") and re.fullmatch("-+", lines[i + 1]):
+            for entry in lines[i + 2 :]:
+                if entry and not entry.startswith(" "):
+                    names |= {name.strip().lstrip("*") for name in entry.split(" : ")[0].split(",")}
+                if re.fullmatch("-+", entry):
+                    break
+    return names
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_everything_public_is_documented_down_to_each_parameter(name):
+    item = PUBLIC[name]
+    assert item.__doc__, f"{name} has no docstring"
+    assert not item.__doc__.startswith(f"{name.split('.')[-1]}("), f"{name} has only the docstring that dataclass makes"
+    assert set(parameters(item)) - documented(item) == set()
+
+
+def test_the_search_for_public_objects_finds_them():
+    """The meta-test above would pass on an empty list."""
+    assert {
+        "foreswitch.Plant",
+        "foreswitch.Plant.from_tf",
+        "foreswitch.Controller.reset",
+        "foreswitch.Run.metrics",
+        "foreswitch.Samples.read_csv",
+        "foreswitch.simulate",
+        "foreswitch.baselines.tune",
+    } <= set(PUBLIC)
+    assert parameters(fsw.Controller)[:3] == ["plant", "levels", "Ts"]
+    assert documented(fsw.Controller) >= {"min_on", "min_off", "bad_limit"}
+
+
+@pytest.mark.parametrize("module", [name for name in MODULES if name not in ("__init__", "cli")])
+def test_examples_in_docstrings_run(module):
+    loaded = importlib.import_module(f"foreswitch.{module}")
+    assert doctest.testmod(loaded).failed == 0
+
+
+def test_there_are_examples_to_run():
+    finder = doctest.DocTestFinder()
+    counts = [len(test.examples) for module in (fsw.Plant, fsw.Controller) for test in finder.find(module)]
+    assert sum(counts) >= 4

@@ -84,7 +84,7 @@ static void smith_advance(fsw_baseline *self, double u, const double *w)
     for (uint32_t i = 0; i < n; i++) free[i] = next[i];
 }
 
-fsw_verdict fsw_baseline_step(fsw_law *law, const double *x, const double *reference, const double *w, double *u)
+fsw_decision fsw_baseline_step(fsw_law *law, const double *x, const double *reference, const double *w, double *u)
 {
     fsw_baseline *self = (fsw_baseline *)law;
     const fsw_plant *p = self->plant;
@@ -115,6 +115,6 @@ fsw_verdict fsw_baseline_step(fsw_law *law, const double *x, const double *refer
         self->wait--;
     u[0] = self->levels[self->present];
     if (self->kind == FSW_SMITH_PWM) smith_advance(self, u[0], w);
-    const fsw_verdict verdict = {0, 1, good ? FSW_OK : FSW_HELD};
-    return verdict;
+    const fsw_decision decision = {good ? FSW_OK : FSW_HELD, (uint16_t)self->present, 1, 0};
+    return decision;
 }

@@ -31,7 +31,7 @@ typedef struct {
 } fsw_baseline;
 
 void fsw_baseline_reset(fsw_baseline *self);
-fsw_verdict fsw_baseline_step(fsw_law *law, const double *measured, const double *reference, const double *w,
-                              double *u);
+fsw_decision fsw_baseline_step(fsw_law *law, const double *measured, const double *reference, const double *w,
+                               double *u);
 
 #endif

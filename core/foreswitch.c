@@ -1,5 +1,31 @@
-/* In the order data meets it: checks, delay line, observation, prediction, choice, step. */
+/* In the order data meets it: checks, delay line, observation, options, prediction, choice, step. */
 #include "foreswitch.h"
+
+/* Counts and subscripts in the machine's own width: 16 bits on an AVR, a register elsewhere. */
+typedef uint_fast16_t natural;
+
+/* The numbers of inputs m and outputs q are handed down, as constants where there is one of each: this common case
+ * gets its own copy of the step, without the loops over them and with half the instructions. Where size counts, or
+ * where the limits allow nothing else, there is one copy. */
+#if FSW_MAX_INPUTS == 1 && FSW_MAX_OUTPUTS == 1
+#define SINGLE(design) 1
+#elif defined(__OPTIMIZE_SIZE__)
+#define SINGLE(design) 0
+#else
+#define SINGLE(design) ((design)->inputs == 1 && (design)->outputs == 1)
+#endif
+
+#if defined(__GNUC__) && !defined(__OPTIMIZE_SIZE__)
+#define INLINE static inline __attribute__((always_inline))
+#else
+#define INLINE static inline
+#endif
+
+INLINE fsw_real product(fsw_real sum, const fsw_real *a, const fsw_real *b, natural count)
+{
+    for (natural i = 0; i < count; i++) sum += a[i] * b[i];
+    return sum;
+}
 
 /* ---- Checks ---- */
 
@@ -60,122 +86,150 @@ const uint8_t *fsw_issued(const fsw_design *d, const fsw_state *s, uint16_t age)
     return s->line + row * d->inputs;
 }
 
-static void push(const fsw_design *d, fsw_state *s, const uint8_t *command)
-{
-    const uint8_t *present = fsw_issued(d, s, 1);
-    uint8_t *row = s->line + (uint32_t)s->head * d->inputs;
-    const uint32_t *dwell = d->dwell;
-    for (uint16_t j = 0; j < d->inputs; j++) {
-        if (command[j] != present[j])
-            s->wait[j] = dwell[command[j]] - 1;
-        else if (s->wait[j] > 0)
-            s->wait[j]--;
-        dwell += d->level_count[j];
-        row[j] = command[j];
-    }
-    s->head = (uint16_t)(s->head + 1 == d->rows ? 0 : s->head + 1);
-}
-
 /* ---- Observation: what is used in place of what was measured ---- */
 
-/* Copy, small values to zero; 0 if any is NaN, infinite or huge. */
-static int take(fsw_real *to, const fsw_real *from, uint16_t count)
+/* No value NaN, infinite or huge. */
+INLINE int usable(const fsw_real *values, natural count)
 {
-    int good = 1;
-    for (uint16_t i = 0; i < count; i++) {
-        const fsw_real v = from[i], size = v < 0 ? -v : v;
-        good &= size <= FSW_HUGE;
-        to[i] = size < FSW_TINY ? 0 : v;
-    }
-    return good;
+    for (natural i = 0; i < count; i++)
+        if (!(values[i] <= FSW_HUGE && values[i] >= -FSW_HUGE)) return 0;
+    return 1;
+}
+
+/* Copy, small values to zero. */
+INLINE void take(fsw_real *to, const fsw_real *from, natural count)
+{
+    for (natural i = 0; i < count; i++) to[i] = from[i] < FSW_TINY && from[i] > -FSW_TINY ? 0 : from[i];
 }
 
 /* The model's state one period after s->x. */
 static void coast(const fsw_design *d, const fsw_state *s, fsw_real *x)
 {
-    const uint16_t n = d->states;
-    for (uint16_t i = 0; i < n; i++) {
-        fsw_real sum = d->model_c[i];
-        for (uint16_t l = 0; l < n; l++) sum += d->model_x[i * n + l] * s->x[l];
-        for (uint16_t l = 0; l < d->disturbances; l++) sum += d->model_w[i * d->disturbances + l] * s->w[l];
-        x[i] = sum;
+    const natural n = d->states, p = d->disturbances;
+    for (natural i = 0; i < n; i++) {
+        const fsw_real sum = product(d->model_c[i], d->model_x + i * n, s->x, n);
+        x[i] = product(sum, d->model_w + i * p, s->w, p);
     }
     const fsw_real *levels = d->levels;
-    for (uint16_t j = 0; j < d->inputs; j++) {
+    for (natural j = 0; j < d->inputs; j++) {
         const uint16_t age = d->pending[j];
         const fsw_real older = levels[fsw_issued(d, s, (uint16_t)(age + 1))[j]];
         const fsw_real newer = age > 0 ? levels[fsw_issued(d, s, age)[j]] : 0;
-        for (uint16_t i = 0; i < n; i++) x[i] += d->model_old[j * n + i] * older + d->model_new[j * n + i] * newer;
+        for (natural i = 0; i < n; i++) x[i] += d->model_old[j * n + i] * older + d->model_new[j * n + i] * newer;
         levels += d->level_count[j];
     }
 }
 
-/* Fill x and w with what the prediction shall start from. */
-static fsw_status observe(const fsw_design *d, const fsw_state *s, const fsw_real *measured,
+/* As observe, where something is not usable. */
+static fsw_status replace(const fsw_design *d, const fsw_state *s, const fsw_real *measured, const fsw_real *reference,
                           const fsw_real *disturbance, fsw_real *x, fsw_real *w)
 {
-    fsw_status status = FSW_OK;
-    if (d->disturbances > 0 && !take(w, disturbance, d->disturbances)) {
-        status = FSW_COASTING;
-        for (uint16_t i = 0; i < d->disturbances; i++) w[i] = s->w[i];
-    }
-    if (!take(x, measured, d->states)) {
-        status = FSW_COASTING;
-        coast(d, s, x);
-        if (!s->primed || !take(x, x, d->states)) {
+    fsw_status status = FSW_COASTING;
+    fsw_real next[FSW_MAX_STATES];
+    if (!usable(measured, d->states)) {
+        coast(d, s, next);
+        measured = next;
+        if (!s->primed || !usable(next, d->states)) {
+            measured = s->x;
             status = FSW_HELD;
-            for (uint16_t i = 0; i < d->states; i++) x[i] = s->x[i];
         }
     }
+    take(x, measured, d->states);
+    take(w, usable(disturbance, d->disturbances) ? disturbance : s->w, d->disturbances);
+    if (!usable(reference, (natural)d->outputs * d->order)) status = FSW_HELD;
+    if (d->bad_limit > 0 && (uint32_t)s->bad + 1 >= d->bad_limit) status = FSW_SAFE;
     return status;
 }
 
-static int finite(const fsw_real *values, uint32_t count)
+/* Fill x and w, which may be s->x and s->w, with what the prediction shall start from. */
+INLINE fsw_status observe(const fsw_design *d, const fsw_state *s, natural q, const fsw_real *measured,
+                          const fsw_real *reference, const fsw_real *disturbance, fsw_real *x, fsw_real *w)
 {
-    for (uint32_t i = 0; i < count; i++) {
-        const fsw_real v = values[i];
-        if (!((v < 0 ? -v : v) <= FSW_HUGE)) return 0;
-    }
-    return 1;
+    const natural n = d->states, p = d->disturbances;
+    if (!usable(measured, n) || !usable(disturbance, p) || !usable(reference, q * d->order))
+        return replace(d, s, measured, reference, disturbance, x, w);
+    take(x, measured, n);
+    take(w, disturbance, p);
+    return FSW_OK;
 }
 
-/* ---- Prediction: the free part of the sliding variable, and the tail ---- */
+/* ---- Options: what an input may do in this period, and what is assumed after it ---- */
 
-static void predict(const fsw_design *d, const fsw_state *s, const fsw_real *x, const fsw_real *reference,
-                    const fsw_real *w, fsw_real *free, fsw_real *tail)
+typedef struct {
+    const fsw_real *levels;
+    const fsw_real *hold_row;
+    const uint32_t *dwell;
+    fsw_real tail, switch_cost;
+    uint32_t keep, most; /* periods: the rest of the present run, and the longest that is told apart */
+    uint8_t present, locked;
+} option;
+
+/* The level of input j that holds the output at the reference. */
+INLINE fsw_real rest(const fsw_design *d, natural q, natural j, const fsw_real *reference, const fsw_real *w)
 {
-    const uint16_t n = d->states, q = d->outputs, p = d->disturbances, order = d->order;
-    const fsw_real *levels = d->levels;
-    for (uint16_t j = 0; j < d->inputs; j++) {
-        fsw_real rest = 0;
+    const natural p = d->disturbances;
+    fsw_real level = d->rest_offset[j];
+    for (natural o = 0; o < q; o++) level += d->rest_reference[j * q + o] * reference[o * d->order];
+    return product(level, d->rest_disturbance + j * p, w, p);
+}
+
+INLINE void list_options(const fsw_design *d, const fsw_state *s, natural m, natural q, const fsw_real *reference,
+                         const fsw_real *w, const uint8_t *present, option *options)
+{
+    const fsw_real *levels = d->levels, *hold_row = d->hold_row;
+    const uint32_t *dwell = d->dwell;
+    for (natural j = 0; j < m; j++) {
+        const uint32_t wait = s->wait[j];
+        option *now = options + j;
+        now->levels = levels;
+        now->hold_row = hold_row;
+        now->dwell = dwell;
+        now->tail = 0;
         if (d->rest_reference) {
-            rest = d->rest_offset[j];
-            for (uint16_t o = 0; o < q; o++) rest += d->rest_reference[j * q + o] * reference[o * order];
-            for (uint16_t i = 0; i < p; i++) rest += d->rest_disturbance[j * p + i] * w[i];
+            const fsw_real level = rest(d, q, j, reference, w);
             const fsw_real low = levels[0], high = levels[d->level_count[j] - 1];
-            rest = rest < low ? low : rest > high ? high : rest;
+            now->tail = level < low ? low : level > high ? high : level;
         }
-        tail[j] = rest;
+        now->switch_cost = d->switch_cost[j];
+        now->keep = wait > 1 ? wait : 1;
+        now->most = d->holds[j];
+        now->present = present[j];
+        now->locked = wait > 0;
         levels += d->level_count[j];
+        dwell += d->level_count[j];
+        hold_row += d->holds[j] * q;
     }
-    for (uint16_t o = 0; o < q; o++) {
-        fsw_real sum = d->offset[o];
-        for (uint16_t i = 0; i < n; i++) sum += d->state_row[o * n + i] * x[i];
-        for (uint16_t i = 0; i < p; i++) sum += d->disturbance_row[o * p + i] * w[i];
-        for (uint16_t i = 0; i < order; i++) sum -= d->reference_row[o * order + i] * reference[o * order + i];
-        for (uint16_t j = 0; j < d->inputs; j++) sum += d->total_row[o * d->inputs + j] * tail[j];
-        free[o] = sum;
-    }
-    const fsw_real *table = d->pending_table;
-    for (uint16_t j = 0; j < d->inputs; j++) {
-        const uint32_t stride = (uint32_t)d->level_count[j] * q;
-        uint16_t row = s->head;
-        for (uint16_t age = 1; age <= d->pending[j]; age++) {
-            row = (uint16_t)(row == 0 ? d->rows - 1 : row - 1);
-            const fsw_real *effect = table + (uint32_t)s->line[(uint32_t)row * d->inputs + j] * q;
-            for (uint16_t o = 0; o < q; o++) free[o] += effect[o];
-            table += stride;
+}
+
+/* ---- Prediction: the free part of the sliding variable ---- */
+
+/* Add the effect on one output of all commands under way; `effect` points at its first entry in the pending table. */
+INLINE fsw_real pending(const fsw_design *d, const fsw_state *s, natural m, natural q, const fsw_real *effect,
+                        fsw_real sum)
+{
+    const natural ring = d->rows * m;
+    for (natural j = 0; j < m; j++) {
+        const natural stride = d->level_count[j] * q;
+        natural at = s->head * m + j;
+        for (natural age = d->pending[j]; age > 0; age--) {
+            at = (at < m ? at + ring : at) - m;
+            sum += effect[s->line[at] * q];
+            effect += stride;
         }
+    }
+    return sum;
+}
+
+INLINE void predict(const fsw_design *d, const fsw_state *s, natural m, natural q, const fsw_real *x,
+                    const fsw_real *reference, const fsw_real *w, const option *options, fsw_real *free)
+{
+    const natural n = d->states, p = d->disturbances, order = d->order;
+    for (natural o = 0; o < q; o++) {
+        fsw_real sum = product(d->offset[o], d->state_row + o * n, x, n);
+        sum = product(sum, d->disturbance_row + o * p, w, p);
+        for (natural i = 0; i < order; i++) sum -= d->reference_row[o * order + i] * reference[o * order + i];
+        for (natural j = 0; j < m; j++) sum += d->total_row[o * m + j] * options[j].tail;
+        free[o] = pending(d, s, m, q, d->pending_table + o, sum);
     }
 }
 
@@ -188,75 +242,54 @@ static fsw_real infinity(void)
 }
 
 /* The candidate's cost, infinite where it would break a running dwell. */
-static fsw_real evaluate(const fsw_design *d, const fsw_state *s, const uint8_t *command, const uint8_t *present,
-                         const fsw_real *free, const fsw_real *tail)
+INLINE fsw_real evaluate(const fsw_design *d, natural m, natural q, const option *options, const uint8_t *command,
+                         const fsw_real *free)
 {
-    const uint16_t q = d->outputs;
     fsw_real slide[FSW_MAX_OUTPUTS], cost = 0;
-    for (uint16_t o = 0; o < q; o++) slide[o] = free[o];
-    const fsw_real *levels = d->levels, *row = d->hold_row;
-    const uint32_t *dwell = d->dwell;
-    for (uint16_t j = 0; j < d->inputs; j++) {
+    for (natural j = 0; j < m; j++) {
+        const option *now = options + j;
         const uint8_t level = command[j];
-        uint32_t hold = dwell[level];
-        if (level == present[j])
-            hold = s->wait[j] > 1 ? s->wait[j] : 1;
-        else if (s->wait[j] > 0)
-            return infinity();
-        else
-            cost += d->switch_cost[j];
-        const uint32_t last = (hold < d->holds[j] ? hold : d->holds[j]) - 1u;
-        const fsw_real shift = levels[level] - tail[j];
-        for (uint16_t o = 0; o < q; o++) slide[o] += row[last * q + o] * shift;
-        levels += d->level_count[j];
-        dwell += d->level_count[j];
-        row += (uint32_t)d->holds[j] * q;
+        uint32_t hold = now->keep;
+        if (level != now->present) {
+            if (now->locked) return infinity();
+            cost += now->switch_cost;
+            hold = now->dwell[level];
+        }
+        const fsw_real *effect = now->hold_row + ((hold < now->most ? hold : now->most) - 1) * q;
+        const fsw_real shift = now->levels[level] - now->tail;
+        for (natural o = 0; o < q; o++) slide[o] = (j == 0 ? free[o] : slide[o]) + effect[o] * shift;
     }
-    for (uint16_t o = 0; o < q; o++) cost += d->half_weight[o] * slide[o] * slide[o];
+    for (natural o = 0; o < q; o++) cost += d->half_weight[o] * slide[o] * slide[o];
     return cost;
 }
 
-static int same(const uint8_t *a, const uint8_t *b, uint16_t count)
+INLINE int same(const uint8_t *a, const uint8_t *b, natural count)
 {
-    for (uint16_t j = 0; j < count; j++)
+    for (natural j = 0; j < count; j++)
         if (a[j] != b[j]) return 0;
     return 1;
 }
 
 /* Smallest cost; equal costs: the present command, then the lower index. NaN never wins. */
-static void choose(const fsw_design *d, const fsw_state *s, const fsw_real *free, const fsw_real *tail,
-                   fsw_decision *best, fsw_real *costs)
+INLINE fsw_decision choose(const fsw_design *d, const fsw_state *s, natural m, natural q, const fsw_real *x,
+                           const fsw_real *reference, const fsw_real *w, const uint8_t *present, fsw_real *costs)
 {
-    const uint8_t *present = fsw_issued(d, s, 1);
-    for (uint16_t i = 0; i < d->candidates; i++) {
-        const uint8_t *command = d->candidate + (uint32_t)i * d->inputs;
-        const fsw_real cost = evaluate(d, s, command, present, free, tail);
+    option options[FSW_MAX_INPUTS];
+    fsw_real free[FSW_MAX_OUTPUTS], least = infinity();
+    list_options(d, s, m, q, reference, w, present, options);
+    predict(d, s, m, q, x, reference, w, options, free);
+    const natural candidates = d->candidates;
+    const uint8_t *command = d->candidate;
+    natural best = candidates;
+    for (natural i = 0; i < candidates; i++, command += m) {
+        const fsw_real cost = evaluate(d, m, q, options, command, free);
         if (costs) costs[i] = cost;
-        if (cost < best->cost || (cost == best->cost && same(command, present, d->inputs))) {
-            best->cost = cost;
-            best->candidate = i;
+        if (cost < least || (cost == least && same(command, present, m))) {
+            least = cost;
+            best = i;
         }
     }
-    best->nodes = d->candidates;
-}
-
-/* From an observation (x, w) to a decision. */
-static fsw_decision decide(const fsw_design *d, const fsw_state *s, fsw_status observed, const fsw_real *x,
-                           const fsw_real *reference, const fsw_real *w, fsw_real *costs)
-{
-    fsw_decision decision = {FSW_OK, 0, 0, 0};
-    decision.status = finite(reference, (uint32_t)d->outputs * d->order) ? observed : FSW_HELD;
-    decision.candidate = d->candidates;
-    if (decision.status != FSW_OK && d->bad_limit > 0 && (uint32_t)s->bad + 1 >= d->bad_limit)
-        decision.status = FSW_SAFE;
-    if (decision.status == FSW_HELD || decision.status == FSW_SAFE) {
-        for (uint16_t i = 0; costs && i < d->candidates; i++) costs[i] = infinity();
-        return decision;
-    }
-    fsw_real free[FSW_MAX_OUTPUTS], tail[FSW_MAX_INPUTS];
-    predict(d, s, x, reference, w, free, tail);
-    decision.cost = infinity();
-    choose(d, s, free, tail, &decision, costs);
+    const fsw_decision decision = {FSW_OK, (uint16_t)best, (uint16_t)candidates, least};
     return decision;
 }
 
@@ -264,39 +297,64 @@ fsw_decision fsw_decide(const fsw_design *d, const fsw_state *s, const fsw_real 
                         const fsw_real *disturbance, fsw_real *costs)
 {
     fsw_real x[FSW_MAX_STATES], w[FSW_MAX_DISTURBANCES];
-    const fsw_status observed = observe(d, s, measured, disturbance, x, w);
-    return decide(d, s, observed, x, reference, w, costs);
+    fsw_decision decision = {FSW_OK, d->candidates, 0, 0};
+    const fsw_status status = observe(d, s, d->outputs, measured, reference, disturbance, x, w);
+    if (status == FSW_OK || status == FSW_COASTING)
+        decision = choose(d, s, d->inputs, d->outputs, x, reference, w, fsw_issued(d, s, 1), costs);
+    else
+        for (natural i = 0; costs && i < d->candidates; i++) costs[i] = infinity();
+    decision.status = status;
+    return decision;
 }
 
 /* ---- Step ---- */
 
-fsw_decision fsw_step(const fsw_design *d, fsw_state *s, const fsw_real *measured, const fsw_real *reference,
-                      const fsw_real *disturbance, fsw_real *u)
+/* Put the command into the delay line, start or run down each dwell, and look up the levels. */
+INLINE void issue(const fsw_design *d, fsw_state *s, natural m, const uint8_t *command, const uint8_t *present,
+                  fsw_real *u)
 {
-    fsw_real x[FSW_MAX_STATES], w[FSW_MAX_DISTURBANCES];
-    const fsw_status observed = observe(d, s, measured, disturbance, x, w);
-    const fsw_decision decision = decide(d, s, observed, x, reference, w, 0);
+    const fsw_real *levels = d->levels;
+    const uint32_t *dwell = d->dwell;
+    uint8_t *row = s->line + s->head * m;
+    s->head = (uint16_t)(s->head + 1 == d->rows ? 0 : s->head + 1);
+    for (natural j = 0; j < m; j++) {
+        const uint8_t level = command[j];
+        if (level != present[j])
+            s->wait[j] = dwell[level] - 1;
+        else if (s->wait[j] > 0)
+            s->wait[j]--;
+        row[j] = level;
+        u[j] = levels[level];
+        levels += d->level_count[j];
+        dwell += d->level_count[j];
+    }
+}
 
-    for (uint16_t i = 0; i < d->states; i++) s->x[i] = x[i];
-    for (uint16_t i = 0; i < d->disturbances; i++) s->w[i] = w[i];
-    if (observed != FSW_HELD) s->primed = 1;
-    if (decision.status == FSW_OK)
+INLINE fsw_decision step(const fsw_design *d, fsw_state *s, natural m, natural q, const fsw_real *measured,
+                         const fsw_real *reference, const fsw_real *disturbance, fsw_real *u)
+{
+    const fsw_status status = observe(d, s, q, measured, reference, disturbance, s->x, s->w);
+    if (status == FSW_OK)
         s->bad = 0;
     else if (s->bad < UINT16_MAX)
         s->bad++;
+    if (status == FSW_OK || usable(measured, d->states)) s->primed = 1;
 
-    const uint8_t *command = fsw_issued(d, s, 1);
-    if (decision.status == FSW_SAFE)
+    fsw_decision decision = {status, d->candidates, 0, 0};
+    const uint8_t *present = s->line + ((s->head > 0 ? s->head : d->rows) - 1u) * m, *command = present;
+    if (status == FSW_OK || status == FSW_COASTING) {
+        decision = choose(d, s, m, q, s->x, reference, s->w, present, 0);
+        decision.status = status;
+        if (decision.candidate < d->candidates) command = d->candidate + decision.candidate * m;
+    } else if (status == FSW_SAFE)
         command = d->safe;
-    else if (decision.candidate < d->candidates)
-        command = d->candidate + (uint32_t)decision.candidate * d->inputs;
-    push(d, s, command);
-
-    command = fsw_issued(d, s, 1);
-    const fsw_real *levels = d->levels;
-    for (uint16_t j = 0; j < d->inputs; j++) {
-        u[j] = levels[command[j]];
-        levels += d->level_count[j];
-    }
+    issue(d, s, m, command, present, u);
     return decision;
+}
+
+fsw_decision fsw_step(const fsw_design *d, fsw_state *s, const fsw_real *measured, const fsw_real *reference,
+                      const fsw_real *disturbance, fsw_real *u)
+{
+    return SINGLE(d) ? step(d, s, 1, 1, measured, reference, disturbance, u)
+                     : step(d, s, d->inputs, d->outputs, measured, reference, disturbance, u);
 }

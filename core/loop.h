@@ -25,17 +25,10 @@ void fsw_plant_advance(const fsw_plant *plant, const double *x, const double *u,
                        double *next);
 void fsw_plant_output(const fsw_plant *plant, const double *x, double *y);
 
-/* What a law says of one decision. */
-typedef struct {
-    double cost;
-    uint32_t nodes;
-    uint8_t status;
-} fsw_verdict;
-
 /* Any law: measured state, reference [outputs][order] and w in, levels u [inputs] out. */
 typedef struct fsw_law {
-    fsw_verdict (*step)(struct fsw_law *law, const double *measured, const double *reference, const double *w,
-                        double *u);
+    fsw_decision (*step)(struct fsw_law *law, const double *measured, const double *reference, const double *w,
+                         double *u);
 } fsw_law;
 
 /* The core as a law. `buffer` holds states + outputs * order + disturbances + inputs values, used when
@@ -48,8 +41,8 @@ typedef struct {
     fsw_state state;
 } fsw_predictive;
 
-fsw_verdict fsw_predictive_step(fsw_law *law, const double *measured, const double *reference, const double *w,
-                                double *u);
+fsw_decision fsw_predictive_step(fsw_law *law, const double *measured, const double *reference, const double *w,
+                                 double *u);
 
 /* A run's arrays, row k belonging to t_k. x and y have one row more than the others; u has
  * `history` rows before row 0, at least the plant's longest delay. Null: absent. */

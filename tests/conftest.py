@@ -1,6 +1,10 @@
-"""Every run draws the same examples."""
+"""Every run draws the same examples, and leaves the cores to the test processes."""
 
-from hypothesis import settings
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: threads on 3 x 3 matrices only wait for each other
+
+from hypothesis import settings  # noqa: E402
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None, max_examples=40)
 settings.load_profile("repeatable")

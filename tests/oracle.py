@@ -18,8 +18,28 @@ class Law:
     Every per-input argument has m entries and every per-output argument q entries; there are no short forms.
     """
 
-    def __init__(self, A, B, C, E, delay, u_offset, y_offset, levels, Ts, Td, lam, weight, r, tail,
-                 min_on, min_off, switch_cost, forbidden, safe):
+    def __init__(
+        self,
+        A,
+        B,
+        C,
+        E,
+        delay,
+        u_offset,
+        y_offset,
+        levels,
+        Ts,
+        Td,
+        lam,
+        weight,
+        r,
+        tail,
+        min_on,
+        min_off,
+        switch_cost,
+        forbidden,
+        safe,
+    ):
         self.A, self.B, self.C, self.E = (np.array(M, float) for M in (A, B, C, E))
         self.n, self.m = self.B.shape
         self.q = len(self.C)
@@ -68,8 +88,10 @@ class Law:
     def held(self, candidate):
         """Periods for which each input is predicted to stay at the candidate: what it must, and at least one."""
         present = self.history[-1]
-        return [max(1, self.remaining[j] if candidate[j] == present[j] else self.periods(j, candidate[j]))
-                for j in range(self.m)]
+        return [
+            max(1, self.remaining[j] if candidate[j] == present[j] else self.periods(j, candidate[j]))
+            for j in range(self.m)
+        ]
 
     # Prediction, (1) and [4] -----------------------------------------------------------------------------------------
 
@@ -103,7 +125,7 @@ class Law:
             block = np.zeros((n + m + self.E.shape[1],) * 2)
             block[:n] = np.hstack([self.A, self.B, self.E])
             top = expm(block * duration)[:n]
-            self.steps_known[duration] = top[:, :n], top[:, n:n + m], top[:, n + m:]
+            self.steps_known[duration] = top[:, :n], top[:, n : n + m], top[:, n + m :]
         return self.steps_known[duration]
 
     def rest_unclipped(self, w, yd):
@@ -111,7 +133,7 @@ class Law:
         matrix = np.block([[self.A, self.B], [self.C, np.zeros((self.q, self.m))]])
         right = np.concatenate([-self.E @ w, yd - self.y_offset])
         solution = np.linalg.lstsq(matrix, right, rcond=None)[0]
-        return solution[self.n:] + self.u_offset
+        return solution[self.n :] + self.u_offset
 
     def tail_input(self, w, yd):
         """The input assumed after the candidate: literally zero, or at rest within the hull of the levels."""

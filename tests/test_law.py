@@ -66,7 +66,7 @@ def random_system(rng, kind, n, m, r, need_rest):
             _, values, directions = np.linalg.svd(rows)
             if values[-1] < 1e-2:
                 continue
-            free = directions[len(rows):].T
+            free = directions[len(rows) :].T
         else:
             free = np.eye(n)
         B = free @ rng.standard_normal((free.shape[1], m)) * 10 ** rng.uniform(-0.3, 0.3, m)
@@ -175,10 +175,27 @@ def random_case(index):
     if m > 1 and rng.random() < 0.4:
         others = [tuple(float(v) for v in c) for c in grid if tuple(c) != tuple(safe)]
         forbidden = [others[i] for i in rng.permutation(len(others))[: rng.integers(1, min(4, len(others)))]]
-    law = {"A": A, "B": B, "C": C, "E": E, "delay": delay,
-           "u_offset": np.array(u_offset), "y_offset": np.array(y_offset),
-           "levels": levels, "Ts": Ts, "Td": Td, "lam": lam, "weight": weight, "r": r, "tail": tail,
-           "min_on": min_on, "min_off": min_off, "switch_cost": [0.0] * m, "forbidden": forbidden, "safe": safe}
+    law = {
+        "A": A,
+        "B": B,
+        "C": C,
+        "E": E,
+        "delay": delay,
+        "u_offset": np.array(u_offset),
+        "y_offset": np.array(y_offset),
+        "levels": levels,
+        "Ts": Ts,
+        "Td": Td,
+        "lam": lam,
+        "weight": weight,
+        "r": r,
+        "tail": tail,
+        "min_on": min_on,
+        "min_off": min_off,
+        "switch_cost": [0.0] * m,
+        "forbidden": forbidden,
+        "safe": safe,
+    }
 
     # What the inputs can do to V in one step is the scale for the price of a switch.
     if rng.random() < 0.5:
@@ -196,8 +213,7 @@ def random_case(index):
             pending[-1] = safe
     if rng.random() < 0.7:
         elapsed, short["elapsed"] = per_input(rng, random_durations(rng, Ts, m))
-    return {"kind": kind, "true_r": true_r, "law": law, "short": short,
-            "pending": pending, "elapsed": elapsed}
+    return {"kind": kind, "true_r": true_r, "law": law, "short": short, "pending": pending, "elapsed": elapsed}
 
 
 def make_controller(law, short=None):
@@ -208,13 +224,30 @@ def make_controller(law, short=None):
     with warnings.catch_warnings():
         # Td < min_on and references that cannot be held deserve a warning; here they are the point.
         warnings.simplefilter("ignore")
-        plant = fsw.Plant(k["A"], k["B"], k["C"], E=k["E"] if k["E"].shape[1] else None, input_delay=k["delay"],
-                          u_offset=k["u_offset"], y_offset=k["y_offset"])
-        objective = fsw.Endpoint(k["Td"], k["lam"], tail=k["tail"], weight=k["weight"],
-                                 relative_degree=k["relative_degree"])
+        plant = fsw.Plant(
+            k["A"],
+            k["B"],
+            k["C"],
+            E=k["E"] if k["E"].shape[1] else None,
+            input_delay=k["delay"],
+            u_offset=k["u_offset"],
+            y_offset=k["y_offset"],
+        )
+        objective = fsw.Endpoint(
+            k["Td"], k["lam"], tail=k["tail"], weight=k["weight"], relative_degree=k["relative_degree"]
+        )
         levels = k["levels"] if len(k["levels"]) > 1 else k["levels"][0]
-        return fsw.Controller(plant, levels, k["Ts"], objective, min_on=k["min_on"], min_off=k["min_off"],
-                              switch_cost=k["switch_cost"], forbidden=k["forbidden"], safe_level=k["safe_level"])
+        return fsw.Controller(
+            plant,
+            levels,
+            k["Ts"],
+            objective,
+            min_on=k["min_on"],
+            min_off=k["min_off"],
+            switch_cost=k["switch_cost"],
+            forbidden=k["forbidden"],
+            safe_level=k["safe_level"],
+        )
 
 
 def random_point(rng, law):
@@ -307,8 +340,27 @@ def test_oracle_against_solve_ivp(index):
 def test_oracle_rest_tail_keeps_y():
     """[4a] means what it says: at x_rest under u_rest the output stays at yd."""
     A, B, C = np.array([[0.0, 1], [-2, -3]]), np.array([[0.0], [5]]), np.array([[1.0, 0]])
-    law = Law(A, B, C, [[0.1], [0.4]], [0.3], [0.2], [7.0], [[-9.0, 9.0]], 0.1, 0.2, [3.0], [1.0], [2], "rest",
-              [0], [0], [0], [], [9.0])
+    law = Law(
+        A,
+        B,
+        C,
+        [[0.1], [0.4]],
+        [0.3],
+        [0.2],
+        [7.0],
+        [[-9.0, 9.0]],
+        0.1,
+        0.2,
+        [3.0],
+        [1.0],
+        [2],
+        "rest",
+        [0],
+        [0],
+        [0],
+        [],
+        [9.0],
+    )
     w, yd = np.array([1.5]), np.array([8.0])
     u = law.rest_unclipped(w, yd)
     x = np.array([1.0, -0.15])  # y = 1 + 7, x1' = x2 + 0.15 = 0
@@ -329,8 +381,9 @@ def test_cases_cover_what_is_claimed():
         is_kind = {"stable": real < -0.05, "marginal": abs(real) < 1e-4, "unstable": 0.05 < real < np.log(50)}
         assert is_kind[case["kind"]]
         for o, r in enumerate(case["true_r"]):
-            markov = [np.linalg.norm(law.C[o] @ np.linalg.matrix_power(law.A * law.horizon, i) @ law.B)
-                      for i in range(r)]
+            markov = [
+                np.linalg.norm(law.C[o] @ np.linalg.matrix_power(law.A * law.horizon, i) @ law.B) for i in range(r)
+            ]
             assert max(markov[:-1], default=0) < 1e-9 * markov[-1]
 
     def count(what):
@@ -448,21 +501,41 @@ def decide_and_step(law, x, reference, w=(), pending=None, elapsed=None, short=N
 
 def simple_law(**changes):
     """An integrator with numbers that are exact in binary, zero tail: ties are ties."""
-    law = {"A": np.zeros((1, 1)), "B": np.ones((1, 1)), "C": np.ones((1, 1)), "E": np.zeros((1, 0)), "delay": [0.0],
-           "u_offset": np.zeros(1), "y_offset": np.zeros(1), "levels": [[-1.0, 0.0, 1.0]], "Ts": 0.5, "Td": 0.5,
-           "lam": [1.0], "weight": [1.0], "r": [1], "tail": "zero", "min_on": [0.0], "min_off": [0.0],
-           "switch_cost": [0.0], "forbidden": [], "safe": [0.0]}
+    law = {
+        "A": np.zeros((1, 1)),
+        "B": np.ones((1, 1)),
+        "C": np.ones((1, 1)),
+        "E": np.zeros((1, 0)),
+        "delay": [0.0],
+        "u_offset": np.zeros(1),
+        "y_offset": np.zeros(1),
+        "levels": [[-1.0, 0.0, 1.0]],
+        "Ts": 0.5,
+        "Td": 0.5,
+        "lam": [1.0],
+        "weight": [1.0],
+        "r": [1],
+        "tail": "zero",
+        "min_on": [0.0],
+        "min_off": [0.0],
+        "switch_cost": [0.0],
+        "forbidden": [],
+        "safe": [0.0],
+    }
     return {**law, **changes}
 
 
-@pytest.mark.parametrize(("levels", "present", "target", "command"), [
-    ([-1.0, 0.0, 1.0], 0.0, 0.25, 0.0),  # 0 and 1 tie: the present one
-    ([-1.0, 0.0, 1.0], 1.0, 0.25, 1.0),
-    ([-1.0, 0.0, 1.0], -1.0, 0.25, 0.0),  # the present one has no part in the tie: the lower index
-    ([-1.0, 1.0], 1.0, 0.0, 1.0),
-    ([-1.0, 1.0], -1.0, 0.0, -1.0),
-    ([-1.0, 1.0, 3.0], 3.0, 0.0, -1.0),
-])
+@pytest.mark.parametrize(
+    ("levels", "present", "target", "command"),
+    [
+        ([-1.0, 0.0, 1.0], 0.0, 0.25, 0.0),  # 0 and 1 tie: the present one
+        ([-1.0, 0.0, 1.0], 1.0, 0.25, 1.0),
+        ([-1.0, 0.0, 1.0], -1.0, 0.25, 0.0),  # the present one has no part in the tie: the lower index
+        ([-1.0, 1.0], 1.0, 0.0, 1.0),
+        ([-1.0, 1.0], -1.0, 0.0, -1.0),
+        ([-1.0, 1.0, 3.0], 3.0, 0.0, -1.0),
+    ],
+)
 def test_ties(levels, present, target, command):
     """Exact ties go to the present command, then to the lower index."""
     law = simple_law(levels=[levels], safe=[levels[0]])
@@ -473,8 +546,16 @@ def test_ties(levels, present, target, command):
 
 def test_ties_of_two_inputs():
     """Two equal inputs: of (0, 1) and (1, 0) the present one, else the lower index."""
-    law = simple_law(B=np.ones((1, 2)), delay=[0.0, 0.0], u_offset=np.zeros(2), levels=[[0.0, 1.0], [0.0, 1.0]],
-                     min_on=[0.0] * 2, min_off=[0.0] * 2, switch_cost=[0.0] * 2, safe=[0.0] * 2)
+    law = simple_law(
+        B=np.ones((1, 2)),
+        delay=[0.0, 0.0],
+        u_offset=np.zeros(2),
+        levels=[[0.0, 1.0], [0.0, 1.0]],
+        min_on=[0.0] * 2,
+        min_off=[0.0] * 2,
+        switch_cost=[0.0] * 2,
+        safe=[0.0] * 2,
+    )
     for present, command in [([1, 0], [1, 0]), ([0, 1], [0, 1]), ([0, 0], [0, 1]), ([1, 1], [0, 1])]:
         _, u, _ = decide_and_step(law, [0.0], [[[0.5]]], pending=[present])
         assert list(u) == command
@@ -483,17 +564,34 @@ def test_ties_of_two_inputs():
 @pytest.mark.parametrize("target", [0.0, 0.7])
 def test_rest_tail_where_4a_is_singular(target):
     """A zero at the origin (y is a speed that cannot be held): the least-squares solution of smallest norm."""
-    law = simple_law(A=np.array([[0.0, 1.0], [-2.0, -1.0]]), B=np.array([[0.0], [1.0]]), C=np.array([[0.0, 1.0]]),
-                     E=np.array([[0.0], [0.5]]), delay=[0.3], Td=1.25, tail="rest")
+    law = simple_law(
+        A=np.array([[0.0, 1.0], [-2.0, -1.0]]),
+        B=np.array([[0.0], [1.0]]),
+        C=np.array([[0.0, 1.0]]),
+        E=np.array([[0.0], [0.5]]),
+        delay=[0.3],
+        Td=1.25,
+        tail="rest",
+    )
     d, _, costs = decide_and_step(law, [0.1, 0.2], [[[target]]], w=[0.4], pending=[[1.0]])
     assert d.costs == pytest.approx(costs, rel=1e-9)
 
 
 def test_rest_tail_with_fewer_inputs_than_outputs():
     """Position and speed of a mass cannot both be kept: least squares on the matrix as it stands."""
-    law = simple_law(A=np.array([[0.0, 1.0], [0.0, -0.5]]), B=np.array([[0.0], [1.0]]), C=np.eye(2),
-                     E=np.zeros((2, 0)), y_offset=np.array([1.0, 0.0]), lam=[2.0, 1.0], weight=[1.0, 3.0], r=[2, 1],
-                     delay=[0.7], Td=1.25, tail="rest")
+    law = simple_law(
+        A=np.array([[0.0, 1.0], [0.0, -0.5]]),
+        B=np.array([[0.0], [1.0]]),
+        C=np.eye(2),
+        E=np.zeros((2, 0)),
+        y_offset=np.array([1.0, 0.0]),
+        lam=[2.0, 1.0],
+        weight=[1.0, 3.0],
+        r=[2, 1],
+        delay=[0.7],
+        Td=1.25,
+        tail="rest",
+    )
     d, _, costs = decide_and_step(law, [0.1, 0.2], [[[1.3, 0.2], [0.9, 0.0]]], pending=[[1.0], [-1.0]])
     assert d.costs == pytest.approx(costs, rel=1e-9)
 
@@ -571,13 +669,22 @@ def test_costs_scale_with_the_units(seed, output, level, time):
     """Output in other units: V scales with the square. Input and time in other units: V stays."""
     law, start, (x, w, reference), _ = property_case(seed, square=True)
     a, b, c = 10.0**output, 10.0**level, 2.0 ** round(8 * time)  # times by powers of 2: whole periods stay whole
-    other = {**law, "C": a * law["C"], "y_offset": a * law["y_offset"],
-             "switch_cost": [a**2 * v for v in law["switch_cost"]],
-             "A": law["A"] / c, "B": law["B"] / (b * c), "E": law["E"] / c, "lam": [v / c for v in law["lam"]],
-             "u_offset": b * law["u_offset"], "levels": [[b * v for v in vs] for vs in law["levels"]],
-             "safe": [b * v for v in law["safe"]], "forbidden": [tuple(b * v for v in f) for f in law["forbidden"]],
-             **{name: c * law[name] for name in ("Ts", "Td")},
-             **{name: [c * v for v in law[name]] for name in ("delay", "min_on", "min_off")}}
+    other = {
+        **law,
+        "C": a * law["C"],
+        "y_offset": a * law["y_offset"],
+        "switch_cost": [a**2 * v for v in law["switch_cost"]],
+        "A": law["A"] / c,
+        "B": law["B"] / (b * c),
+        "E": law["E"] / c,
+        "lam": [v / c for v in law["lam"]],
+        "u_offset": b * law["u_offset"],
+        "levels": [[b * v for v in vs] for vs in law["levels"]],
+        "safe": [b * v for v in law["safe"]],
+        "forbidden": [tuple(b * v for v in f) for f in law["forbidden"]],
+        **{name: c * law[name] for name in ("Ts", "Td")},
+        **{name: [c * v for v in law[name]] for name in ("delay", "min_on", "min_off")},
+    }
     pending, elapsed = start
     other_start = (None if pending is None else b * pending, None if elapsed is None else [c * v for v in elapsed])
     other_reference = a * reference / c ** np.arange(reference.shape[1])
@@ -593,9 +700,13 @@ def test_rest_tail_does_not_know_where_zero_is(seed, shift):
     if len(law["C"]) > 1:  # keep to what random_system has made regular
         law["tail"] = property_case(seed)[0]["tail"]
         shift = shift if law["tail"] == "rest" else 0.0
-    other = {**law, "levels": [[v + shift for v in vs] for vs in law["levels"]],
-             "u_offset": law["u_offset"] + shift, "safe": [v + shift for v in law["safe"]],
-             "forbidden": [tuple(v + shift for v in f) for f in law["forbidden"]]}
+    other = {
+        **law,
+        "levels": [[v + shift for v in vs] for vs in law["levels"]],
+        "u_offset": law["u_offset"] + shift,
+        "safe": [v + shift for v in law["safe"]],
+        "forbidden": [tuple(v + shift for v in f) for f in law["forbidden"]],
+    }
     # Without a history the default is the safe level, which moves too.
     other_start = None if pending is None else pending + shift, elapsed
     assert_same(costs_of(law, (pending, elapsed), x, w, reference), costs_of(other, other_start, x, w, reference))
@@ -608,15 +719,24 @@ def test_costs_do_not_depend_on_the_order_of_inputs_and_outputs(seed):
     law, (pending, elapsed), (x, w, reference), _ = property_case(seed)
     m, q = law["B"].shape[1], len(law["C"])
     inputs, outputs = list(range(m))[::-1], list(range(q))[::-1]
-    other = {**law, "B": law["B"][:, inputs], "C": law["C"][outputs],
-             "forbidden": [tuple(f[j] for j in inputs) for f in law["forbidden"]],
-             **{name: [law[name][j] for j in inputs] for name in (
-                 "delay", "u_offset", "levels", "min_on", "min_off", "switch_cost", "safe")},
-             **{name: [law[name][o] for o in outputs] for name in ("y_offset", "lam", "weight", "r")}}
-    other_start = (None if pending is None else pending[:, inputs],
-                   None if elapsed is None else [elapsed[j] for j in inputs])
-    costs = dict(zip(map(tuple, Law(**law).candidates), costs_of(law, (pending, elapsed), x, w, reference),
-                     strict=True))
+    other = {
+        **law,
+        "B": law["B"][:, inputs],
+        "C": law["C"][outputs],
+        "forbidden": [tuple(f[j] for j in inputs) for f in law["forbidden"]],
+        **{
+            name: [law[name][j] for j in inputs]
+            for name in ("delay", "u_offset", "levels", "min_on", "min_off", "switch_cost", "safe")
+        },
+        **{name: [law[name][o] for o in outputs] for name in ("y_offset", "lam", "weight", "r")},
+    }
+    other_start = (
+        None if pending is None else pending[:, inputs],
+        None if elapsed is None else [elapsed[j] for j in inputs],
+    )
+    costs = dict(
+        zip(map(tuple, Law(**law).candidates), costs_of(law, (pending, elapsed), x, w, reference), strict=True)
+    )
     others = costs_of(other, other_start, x, w, reference[outputs])
     assert_same(np.array([costs[tuple(c[inputs])] for c in Law(**other).candidates]), others)
 

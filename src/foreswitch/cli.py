@@ -111,7 +111,8 @@ def simulate(
     summary = _plain(run.metrics())
     if out is not None:
         with whole_folder(out) as folder:
-            run_report(project.stem, run, setup.controller).write(folder)
+            name = project.stem if project.stem != "project" else project.resolve().parent.name
+            run_report(name, run, setup.controller).write(folder)
             run.to_csv(folder / "run.csv")
             write_whole(folder / "metrics.json", _json(summary))
     if as_json:

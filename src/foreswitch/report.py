@@ -96,14 +96,22 @@ def number(value: float, digits: int = 3) -> str:
 def metric_table(runs: dict[str, Run], unit: str = "") -> Table:
     """Figures of merit, one run a row; several outputs or inputs are listed in their order."""
     in_unit = f" [{unit}]" if unit else ""
-    heads = ["", f"rms error{in_unit}", f"largest error{in_unit}", "lag [ms]", f"rms at that lag{in_unit}", "switches"]
+    metrics = {name: {k: np.atleast_1d(v) for k, v in run.metrics().items()} for name, run in runs.items()}
+    factor, second = (1e3, "ms") if max(np.abs(m["lag"]).max() for m in metrics.values()) < 1.0 else (1.0, "s")
+    heads = [
+        "",
+        f"rms error{in_unit}",
+        f"largest error{in_unit}",
+        f"lag [{second}]",
+        f"rms at that lag{in_unit}",
+        "switches",
+    ]
     rows = []
-    for name, run in runs.items():
-        m = {key: np.atleast_1d(value) for key, value in run.metrics().items()}
+    for name, m in metrics.items():
         cells = [
             [number(value) for value in m["rms_error"]],
             [number(value) for value in m["max_error"]],
-            [f"{1e3 * value:.2f}" for value in m["lag"]],
+            [f"{round(factor * value, 2) + 0.0:.2f}" for value in m["lag"]],
             [number(value) for value in m["rms_error_at_lag"]],
             [str(value) for value in m["switches"]],
         ]

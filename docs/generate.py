@@ -44,7 +44,8 @@ TABLES: dict[str, type[Table]] = {
     "simulation": SimulationTable,
     "simulation.disturbance": Valve,
 }
-WORDS = {float: "number", int: "whole number", str: "text", bool: "true, false", Valve: "table", PlantTable: "table"}
+WORDS = {float: "number", int: "whole number", str: "text", bool: "true, false"}
+WORDS |= dict.fromkeys((Valve, PlantTable, ReferenceTable), "table")
 
 
 # Markdown ------------------------------------------------------------------------------------------------------------

@@ -79,6 +79,13 @@ def test_every_optional_key_in_the_commented_file_is_accepted():
         ("reference", {"kind": "constant", "value": "a"}, "value is 'a'; give a number"),
         ("reference", {"kind": "samples", "file": "none.csv"}, "none.csv cannot be read"),
         ("simulation.disturbance", {"gian": 1.0, "high": 3.0}, "unknown key 'gian'; did you mean 'gain'?"),
+        ("simulation.disturbance", "a", "simulation.disturbance is 'a'; it holds: measured w"),
+        ("simulation.disturbance", [{"kind": "sine", "frequenzy": 3.0}], "did you mean 'frequency'?"),
+        ("simulation.disturbance", [{"kind": "sin"}], "simulation.disturbance.kind is 'sin'; give 'constant'"),
+        ("simulation.disturbance", [{"kind": "sine"}], "[simulation.disturbance] has no key 'amplitude'"),
+        ("simulation.disturbance", [{"kind": "constant", "value": "a"}], "[simulation.disturbance] value is 'a'"),
+        ("simulation.disturbance", [{"kind": "constant", "value": 1.0}] * 2, "[simulation.disturbance] stands 2 time"),
+        ("reference", [{"kind": "ramp", "slope": 1.0}, {"kind": "ramp", "slope": "b"}], "reference.slope is 'b'"),
         ("simulation.plant", {"model": "fopdt", "K": 1.0}, "[simulation.plant] has no key 'T'"),
     ],
 )
@@ -106,6 +113,20 @@ def test_a_vent_opens_with_the_excess_pressure(content):
     assert flow(0.0, np.array([5.0, 0.0])) == pytest.approx(300.0)
     assert flow(0.0, np.array([50.0, 0.0])) == 500.0
     assert project.simulate().y[-1, 0] < Project(content).simulate().y[-1, 0]
+
+
+def test_a_disturbance_may_run_a_course_of_its_own(content):
+    course = [{"kind": "sine", "amplitude": 500.0, "frequency": 7.0, "offset": 600.0}]
+    project = Project(changed(content, "simulation.disturbance", course))
+    sine = fsw.Sine(500.0, 7.0, offset=600.0)
+    expected = fsw.simulate(
+        project.controller, project.reference, 0.6, disturbance=lambda t, x: sine(np.array([t]), 1)[0, :, 0]
+    )
+    np.testing.assert_array_equal(project.simulate().y, expected.y)
+    # another switching period, another duration, and w as it is given
+    law = project.build_controller(Ts=0.002)
+    assert project.simulate(law, duration=0.3).y.shape == (151, 1)
+    np.testing.assert_array_equal(project.simulate(disturbance=0.0).y, Project(content).simulate().y)
 
 
 def test_settings_can_be_changed_by_name(content):

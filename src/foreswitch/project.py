@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from foreswitch import _check
 from foreswitch._check import Array
 from foreswitch._text import nearest
 from foreswitch.controller import Controller
@@ -160,16 +161,16 @@ class ReferenceTable(Choice):
     time: str | None = Key(None, description="samples: name of the time column; default the first")
     between: Literal["pchip", "linear", "hold"] | None = Key(None, description="samples: the curve between them")
 
-    def build(self, folder: Path) -> Reference:
-        """The reference of one output."""
-        arguments = self.arguments("reference")
+    def build(self, folder: Path, table: str = "reference") -> Reference:
+        """The reference of one output, or the course of one disturbance."""
+        arguments = self.arguments(table)
         if self.kind == "samples":
             path = folder / arguments.pop("file")
             kind = arguments.pop("between", "pchip")
             return Samples.read_csv(path, kind=kind, **arguments)
         if self.kind == "constant":
             if not isinstance(self.value, float):
-                raise ValueError(f"[reference] value is {self.value!r}; give a number")
+                raise ValueError(f"[{table}] value is {self.value!r}; give a number")
             return Steps([0.0], [self.value])
         build: dict[str, Callable[..., Reference]] = {"half_sine": HalfSine, "sine": Sine, "ramp": Ramp, "steps": Steps}
         return build[self.kind](**arguments)
@@ -203,8 +204,10 @@ class SimulationTable(Table):
     x0: Vector | None = Key(None, description="initial state; default zero")
     noise: float | Vector | None = Key(None, description="standard deviation of the measured states")
     seed: int | None = Key(None, description="of the noise; without one, each run differs")
-    disturbance: float | Vector | Valve | None = Key(
-        None, description="measured w: constant, or a table: a valve that opens with gain * (y - yd)"
+    disturbance: float | Vector | Valve | list[ReferenceTable] | None = Key(
+        None,
+        description="measured w: constant; or a table: a valve that opens with gain * (y - yd); or a list of tables, one "
+        "for each, with the keys of [reference]",
     )
     load: float | Vector | None = Key(None, description="unmeasured, added to the input(s)")
     plant: PlantTable | None = Key(None, description="the truth, where it differs from the model; keys as in [plant]")
@@ -250,6 +253,21 @@ class Project:
         truth = self.file.simulation.plant
         self.truth = truth.build("simulation.plant") if truth else self.plant
         self.reference: Reference = parts[0] if len(parts) == 1 else Stack(*parts)
+        self._courses = self._disturbances(Path(folder))
+
+    def _disturbances(self, folder: Path) -> Stack | None:
+        """The disturbances that run a course of their own."""
+        tables, wanted = self.file.simulation.disturbance, self.truth.disturbances
+        courses = [
+            table.build(folder, "simulation.disturbance")
+            for table in (tables if isinstance(tables, list) else [])
+            if isinstance(table, ReferenceTable)
+        ]
+        if courses and len(courses) != wanted:
+            raise ValueError(
+                f"[simulation.disturbance] stands {len(courses)} time(s); the plant has {wanted} disturbance(s)"
+            )
+        return Stack(*courses) if courses else None
 
     @classmethod
     def read(cls, path: str | Path) -> Project:
@@ -323,42 +341,50 @@ class Project:
         settings: dict[str, Any] = table.given("duration", "x0", "noise", "seed", "load")
         settings["plant"] = self.truth
         settings |= changes
-        valve = table.disturbance
-        w = valve.law(reference, settings["plant"]) if isinstance(valve, Valve) else valve
+        law, duration = controller or self.controller, settings.pop("duration")
+        w: Any = table.disturbance
+        if isinstance(w, Valve):
+            w = w.law(reference, settings["plant"])
+        elif self._courses:
+            t = np.arange(_check.periods(_check.number("duration", duration, above=0.0), law.Ts)) * law.Ts
+            w = sample(self._courses, t, self._courses.outputs, 1)[:, :, 0]
         settings.setdefault("disturbance", w)
-        return simulate(controller or self.controller, reference, settings.pop("duration"), **settings)
+        return simulate(law, reference, duration, **settings)
 
 
 def _sentence(error: ValidationError, content: dict[str, Any]) -> str:
     """One complaint in one sentence, its place in the words of the file."""
-    # a union reports every branch that failed; an unknown or missing key says most
+    # a union reports every branch that failed; an unknown or missing key says most, then what lies deepest
     ranks = {"extra_forbidden": 0, "missing": 1}
-    detail = min(error.errors(include_url=False), key=lambda item: ranks.get(item["type"], 2))
+    detail = min(error.errors(include_url=False), key=lambda item: (ranks.get(item["type"], 2), -len(item["loc"])))
     path: list[str] = []
+    found: list[tuple[Any, type[Table]]] = []  # for each part: what it holds, and the table it is a key of
     value: Any = content
     table: type[Table] = File
     for part in detail["loc"]:
         if isinstance(value, dict) and part in value:
             value = value[part]
             path.append(str(part))
+            found.append((value, table))
             table = SUBTABLES.get(str(part), table)
         elif isinstance(part, int) and isinstance(value, list):
             value = value[part]
+            table = ReferenceTable if isinstance(value, dict) else table  # all lists of tables hold these
     key = str(detail["loc"][-1])
     if detail["type"] == "missing":
         return f"[{'.'.join(path)}] has no key {key!r}; add it" if path else f"table [{key}] is missing; add it"
     place = f"[{'.'.join(path[:-1])}]" if path[:-1] else "the file"
     if detail["type"] == "extra_forbidden":
         return f"{place} has an unknown {'key' if path[:-1] else 'table'} {key!r}; {nearest(key, table.model_fields)}"
-    while path and path[-1] not in table.model_fields:
+    while path[-1] not in found[len(path) - 1][1].model_fields:
         path.pop()
-    if not path or path[-1] in SUBTABLES:
-        meaning = "give a table"
-    elif detail["type"] == "literal_error":
+    value, table = found[len(path) - 1]
+    description = table.model_fields[path[-1]].description
+    if detail["type"] == "literal_error":
         meaning = f"give {detail['ctx']['expected']}"
     else:
-        meaning = f"it holds: {table.model_fields[path[-1]].description}"
-    return f"{'.'.join(path)} is {_at(content, path)!r}; {meaning}"
+        meaning = f"it holds: {description}" if description else "give a table"
+    return f"{'.'.join(path)} is {value!r}; {meaning}"
 
 
 SUBTABLES: dict[str, type[Table]] = {
@@ -369,10 +395,3 @@ SUBTABLES: dict[str, type[Table]] = {
     "simulation": SimulationTable,
     "disturbance": Valve,
 }
-
-
-def _at(content: Any, path: list[str]) -> Any:
-    for key in path:
-        content = content[0] if isinstance(content, list) else content
-        content = content[key]
-    return content

@@ -143,6 +143,7 @@ typedef struct {
     Law base;
     fsw_predictive core;
     fsw_real *decision_costs;
+    double *u; /* of the latest step */
 } Predictive;
 
 typedef struct {
@@ -166,8 +167,8 @@ static PyObject *predictive_new(PyTypeObject *type, PyObject *args, PyObject *ke
 {
     (void)keywords;
     unsigned short n, m, q, p, order, rows, candidates, bad_limit;
-    PyObject *arrays;
-    if (!PyArg_ParseTuple(args, "(HHHHHHHH)O", &n, &m, &q, &p, &order, &rows, &candidates, &bad_limit, &arrays))
+    PyObject *arrays, *u;
+    if (!PyArg_ParseTuple(args, "(HHHHHHHH)OO", &n, &m, &q, &p, &order, &rows, &candidates, &bad_limit, &arrays, &u))
         return NULL;
     Predictive *self = (void *)PyType_GenericAlloc(type, 0) /* zeroed */;
     if (!self) return NULL;
@@ -227,7 +228,7 @@ static PyObject *predictive_new(PyTypeObject *type, PyObject *args, PyObject *ke
         PyErr_SetString(PyExc_ValueError, "arrays must be a tuple");
     Py_XDECREF(head);
     Py_XDECREF(tail);
-    if (!ok) return Py_DECREF(self), NULL;
+    if (!ok || !attach(v, u, "u", 'd', M, 1, 0, &self->u)) return Py_DECREF(self), NULL;
 
     const fsw_validity validity = fsw_init(d, &core->state);
     if (validity != FSW_VALID) {
@@ -296,25 +297,21 @@ static int read_arguments(Predictive *self, PyObject *x, PyObject *reference, Py
     return 1;
 }
 
-/* step(x, reference, w, u) -> status, or None if an argument is not in the plain form */
+/* step(x, reference, w) -> status, and the command in u; or None if an argument is not in the plain form */
 static PyObject *predictive_step(PyObject *object, PyObject *const *args, Py_ssize_t count)
 {
     Predictive *self = (Predictive *)object;
-    if (count != 4) return PyErr_SetString(PyExc_TypeError, "step takes x, reference, w, u"), NULL;
+    if (count != 3) return PyErr_SetString(PyExc_TypeError, "step takes x, reference, w"), NULL;
     if (!read_arguments(self, args[0], args[1], args[2])) Py_RETURN_NONE;
-    views v = {.count = 0};
-    double *u;
-    if (!attach(&v, args[3], "u", 'd', self->base.inputs, 1, 0, &u)) return release(&v), NULL;
     fsw_predictive *core = &self->core;
     fsw_real *x = core->buffer, *r = x + self->base.measured, *w = r + self->base.reference_width;
     const fsw_decision decision = fsw_step(&core->design, &core->state, x, r, w, w + self->base.disturbances);
     const uint8_t *command = fsw_issued(&core->design, &core->state, 1);
     const double *levels = core->levels;
     for (uint32_t j = 0; j < self->base.inputs; j++) {
-        u[j] = levels[command[j]];
+        self->u[j] = levels[command[j]];
         levels += core->design.level_count[j];
     }
-    release(&v);
     return PyLong_FromLong((long)decision.status);
 }
 

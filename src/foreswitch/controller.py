@@ -247,7 +247,8 @@ class Controller:
         self._design()
         self._reference_offset = self._sampling(preview)
         self._parts = self._core_parts()
-        self._core = CORES[real].Predictive(*self._parts)
+        self._u = np.zeros(plant.inputs)
+        self._core = CORES[real].Predictive(*self._parts, self._u)
         self.reset()
 
     # ---- Design ----
@@ -490,12 +491,11 @@ class Controller:
         ValueError
             If a shape does not fit or the reference is not finite.
         """
-        u = np.empty(len(self.levels))
-        status = self._core.step(x, reference, disturbance, u)
+        status = self._core.step(x, reference, disturbance)
         if status is None:
-            status = self._core.step(*self._canonical(x, reference, disturbance), u)
+            status = self._core.step(*self._canonical(x, reference, disturbance))
         self.status = STATUSES[status]
-        return u
+        return self._u.copy()
 
     def decide(self, x: ArrayLike, reference: ArrayLike, *, disturbance: ArrayLike | None = None) -> Decision:
         """Every candidate with its predicted cost; changes nothing.
@@ -548,7 +548,8 @@ class Controller:
         """
         twin = object.__new__(Controller)
         twin.__dict__.update(self.__dict__)  # the design is shared: copy.copy would compute it anew
-        twin._core = CORES[self.real].Predictive(*self._parts)
+        twin._u = self._u.copy()
+        twin._core = CORES[self.real].Predictive(*self._parts, twin._u)
         twin._core.restore(self._core.save())
         return twin
 

@@ -241,6 +241,13 @@ static fsw_real infinity(void)
     return huge * huge;
 }
 
+/* A smaller sliding variable counts as zero: its square would be denormal, and slow. */
+#ifdef FSW_SINGLE
+#define ON_SURFACE 1e-17f
+#else
+#define ON_SURFACE 1e-140
+#endif
+
 /* The candidate's cost, infinite where it would break a running dwell. */
 INLINE fsw_real evaluate(const fsw_design *d, natural m, natural q, const option *options, const uint8_t *command,
                          const fsw_real *free)
@@ -259,7 +266,8 @@ INLINE fsw_real evaluate(const fsw_design *d, natural m, natural q, const option
         const fsw_real shift = now->levels[level] - now->tail;
         for (natural o = 0; o < q; o++) slide[o] = (j == 0 ? free[o] : slide[o]) + effect[o] * shift;
     }
-    for (natural o = 0; o < q; o++) cost += d->half_weight[o] * slide[o] * slide[o];
+    for (natural o = 0; o < q; o++)
+        if (!(slide[o] < ON_SURFACE && slide[o] > -ON_SURFACE)) cost += d->half_weight[o] * slide[o] * slide[o];
     return cost;
 }
 

@@ -105,6 +105,19 @@ def test_the_truth_may_differ_from_the_model(content):
     assert project.controller.plant.B[1, 0] == same.controller.plant.B[1, 0]
 
 
+def test_a_plant_with_several_inputs_and_outputs(content):
+    A, B, C, E = [[-1.0, 0.0], [1.0, -2.0]], [[1.0, 0.0], [0.0, 3.0]], [[1.0, 0.0], [0.0, 1.0]], [[0.0], [-1.0]]
+    delay, offset = [0.01, 0.025], [1.0, -2.0]
+    plant = {"model": "state_space", "A": A, "B": B, "C": C, "E": E, "input_delay": delay, "y_offset": offset}
+    project = changed(content, "plant", plant)
+    project = changed(project, "actuator", {"levels": [[0, 1], [-1, 0, 1]], "Ts": 0.01, "forbidden": [[1, 1]]})
+    project = changed(project, "controller", {"Td": 0.02, "lam": 1.0})
+    project = Project(changed(project, "reference", [{"kind": "constant", "value": v} for v in (1.5, -1.0)]))
+    expected = fsw.Plant(A, B, C, E=E, input_delay=delay, y_offset=offset)
+    law = fsw.Controller(expected, [[0, 1], [-1, 0, 1]], 0.01, fsw.Endpoint(0.02, 1.0), forbidden=[[1, 1]])
+    np.testing.assert_array_equal(project.simulate().y, fsw.simulate(law, [1.5, -1.0], 0.6).y)
+
+
 def test_a_vent_opens_with_the_excess_pressure(content):
     valve = {"gain": 100.0, "high": 500.0, "deadband": 2.0}
     project = Project(changed(content, "simulation.disturbance", valve))

@@ -98,7 +98,7 @@ class PlantTable(Choice):
             "integrator_lag": lambda k, c: Plant.integrator_lag(k, c, 0.0),
             "fopdt": lambda K, T: Plant.fopdt(K, T, 0.0),
             "transfer_function": Plant.from_tf,
-            "state_space": Plant,
+            "state_space": lambda A, B: Plant(A, B, self.C),  # C says how many outputs there are
         }
         return build[self.model](**arguments).replace(**self.given(*self.ALWAYS))
 

@@ -8,3 +8,8 @@ from hypothesis import settings
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None, max_examples=40)
 settings.load_profile("repeatable")
+
+
+def pytest_configure(config):
+    """What Hypothesis imports to report a failure must not end the session."""
+    config.addinivalue_line("filterwarnings", "ignore:mypy_extensions:DeprecationWarning")

@@ -83,6 +83,12 @@ def test_pulses_between_the_two_levels_that_bracket_what_is_wanted(wanted, low, 
     assert commands == ([high] * pulse + [low] * (10 - pulse)) * 3
 
 
+@pytest.mark.parametrize(("wanted", "pulse"), [(0.1, 0), (0.3, 4), (0.7, 7), (0.75, 7), (0.9, 10)])
+def test_pulses_and_pauses_too_short_for_the_dwell_are_rounded_to_none_or_the_shortest(wanted, pulse):
+    law = PIPWM(INTEGRATOR, [0.0, 1.0], 0.1, kp=0.0, bias=wanted, carrier=1.0, min_on=0.4, min_off=0.3)
+    assert [law.step([0.0], 0.0)[0] for _ in range(20)] == ([1.0] * pulse + [0.0] * (10 - pulse)) * 2
+
+
 def test_integral_action_leaves_no_offset_where_it_looks():
     """At the start of each pulse; the mean lies above by the ripple that it does not see."""
     law = PIPWM(OVEN, [0.0, 1.0], 1.0, kp=0.01, ki=1e-4, carrier=10.0)
@@ -155,13 +161,18 @@ def test_dwell_holds_for_baselines_too(name):
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_a_bad_measurement_keeps_the_command(name):
+def test_a_bad_measurement_keeps_the_command_and_leaves_no_trace(name):
+    """Whole carrier periods of it, so that one begins with a bad sample."""
     kind, gains = LAWS[name]
-    law = kind(FIRST_ORDER, [0.0, 1.0], 0.1, **gains)
-    present = law.step([0.0], 2.0)[0]
-    for bad in (np.nan, np.inf, -np.inf):
-        assert law.step([bad], 2.0) == present
-    assert law.step([99.0], 2.0) == 0.0 or name != "relay"
+    law, spared = (kind(FIRST_ORDER, [0.0, 1.0], 0.1, **gains) for _ in range(2))
+    for _ in range(7):
+        present = law.step([0.0], 2.0)
+        assert spared.step([0.0], 2.0) == present == 1.0
+    for bad in 7 * [np.nan, np.inf, -np.inf]:
+        assert law.step([bad], -2.0) == present
+    if name != "Smith":  # whose model goes on by itself
+        for y in np.linspace(0.0, 4.0, 30):
+            assert law.step([y], 2.0) == spared.step([y], 2.0)
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -223,6 +223,7 @@ def test_a_copy_continues_where_the_original_stood_and_apart_from_it(controller,
     for x, reference in inputs(original, 2, 13):
         original.step(x, reference)
     twin = moved(original, how)
+    assert twin._core.save() == original._core.save()
     assert twin.status == original.status
     assert repr(twin) == repr(original)
     assert np.array_equal(twin.reference_times, original.reference_times)

@@ -80,6 +80,14 @@ def test_any_dead_time_of_the_truth(dead_time, start):
     assert run.x[-1] == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
+def test_a_truth_of_longer_dead_time_goes_on_with_the_oldest_command_known():
+    controller, truth = valve_controller(), VALVE.replace(input_delay=0.02)
+    controller.reset(pending=[1, 1, 0, 0, 0, 0])
+    run = fsw.simulate(controller, 0.0, 0.02, plant=truth)
+    expected = exact_state(truth, np.zeros(2), 1e-3, ([1] * 16 + [0] * 4, run.u), 0.02)
+    assert run.x[-1] == pytest.approx(expected, rel=1e-10)
+
+
 def test_a_decayed_state_is_zero_and_not_denormal():
     stable = fsw.Plant([[-400.0]], [[1.0]])
     run = fsw.simulate(Relay(stable, [0.0, 1.0], 1.0), -1.0, 20.0, x0=[1.0])
@@ -121,7 +129,9 @@ def test_a_law_of_the_state_sees_the_state_of_its_own_instant():
 
     def vent(t, x):
         seen.append((t, x.copy()))
-        return leak * x[0]
+        flow = leak * x[0]
+        x[:] = np.nan  # its own copy
+        return flow
 
     run = fsw.simulate(valve_controller(vented), RISE, 0.2, disturbance=vent)
     assert [t for t, _ in seen] == pytest.approx(run.t[:-1])

@@ -307,8 +307,10 @@ fsw_decision fsw_decide(const fsw_design *d, const fsw_state *s, const fsw_real 
     fsw_real x[FSW_MAX_STATES], w[FSW_MAX_DISTURBANCES];
     fsw_decision decision = {FSW_OK, d->candidates, 0, 0};
     const fsw_status status = observe(d, s, d->outputs, measured, reference, disturbance, x, w);
+    const uint8_t *present = fsw_issued(d, s, 1);
     if (status == FSW_OK || status == FSW_COASTING)
-        decision = choose(d, s, d->inputs, d->outputs, x, reference, w, fsw_issued(d, s, 1), costs);
+        decision = SINGLE(d) ? choose(d, s, 1, 1, x, reference, w, present, costs)
+                             : choose(d, s, d->inputs, d->outputs, x, reference, w, present, costs);
     else
         for (natural i = 0; costs && i < d->candidates; i++) costs[i] = infinity();
     decision.status = status;

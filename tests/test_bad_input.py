@@ -90,6 +90,7 @@ MISTAKES = {
     ),
     # objectives
     "Td <= 0": (lambda: fsw.Endpoint(0, 1), "Td is 0"),
+    "Td text": (lambda: fsw.Endpoint("0.02", 1), r"Td is '0\.02'"),
     "Td NaN": (lambda: fsw.Endpoint(NAN, 1), "Td is nan"),
     "Td < Ts": (lambda: build(objective=fsw.Endpoint(5e-4, 1)), r"Td is 0\.0005; it must be at least .* Ts = 0\.001"),
     "lam = 0": (lambda: fsw.Endpoint(1, 0), "lam is 0"),
@@ -124,6 +125,7 @@ MISTAKES = {
     "Ts = 0": (lambda: build(Ts=0), "Ts is 0"),
     "Ts < 0": (lambda: build(Ts=-1e-3), r"Ts is -0\.001"),
     "Ts NaN": (lambda: build(Ts=NAN), "Ts is nan"),
+    "Ts array": (lambda: build(Ts=np.array([0.1])), r"Ts is array\(\[0\.1\]\)"),
     "Ts text": (lambda: build(Ts="1 ms"), "Ts is '1 ms'"),
     "min_on < 0": (lambda: build(min_on=-1), "min_on is -1"),
     "min_on, one too many": (lambda: build(min_on=[0, 0]), r"min_on has shape \(2,\)"),
@@ -233,6 +235,7 @@ MISTAKES = {
     "sine amplitude": (lambda: fsw.Sine(NAN, 1), "amplitude is nan"),
     "half sine": (lambda: fsw.HalfSine(1, 0), "duration is 0"),
     "ramp": (lambda: fsw.Ramp("steep"), "slope is 'steep'"),
+    "ramp of text": (lambda: fsw.Ramp("3"), "slope is '3'"),
     "steps of two lengths": (lambda: fsw.Steps([0, 1], [1]), r"t has shape \(2,\) and y \(1,\)"),
     "samples at one time": (lambda: fsw.Samples([0, 0], [1, 2]), "t goes from 0 to 0 at sample 2"),
     "samples NaN": (lambda: fsw.Samples([0, 1], [1, NAN]), "y holds NaN"),

@@ -207,6 +207,18 @@ def test_decide_tells_what_step_does_and_changes_no_byte(controller):
             assert np.isinf(decision.costs).all()
 
 
+@pytest.mark.parametrize(
+    ("present", "reference", "command"), [(-1, 0.0, -1), (1, 0.0, 1), (2, 0.0, -1), (2, 0.75, 2), (-1, 0.75, 1)]
+)
+def test_equal_costs_keep_the_present_command_or_take_the_lower_index(present, reference, command):
+    integrator = fsw.Plant([[0.0]], [[1.0]])  # numbers exact in binary
+    controller = fsw.Controller(integrator, [-1, 1, 2], 0.5, fsw.Endpoint(0.5, 1.0))
+    controller.reset(pending=[present])
+    costs = controller.decide([0.0], reference).costs
+    assert np.sum(costs == costs.min()) == 2
+    assert controller.step([0.0], reference) == [command]
+
+
 def moved(controller, how):
     return {
         "copy": lambda: controller.copy(),

@@ -136,8 +136,9 @@ def test_a_plant_keeps_its_own_numbers():
     plant = fsw.Plant(A, [[1.0]])
     A[0, 0] = 7.0
     assert plant.A[0, 0] == -1.0
-    with pytest.raises(ValueError, match="read-only"):
-        plant.A[0, 0] = 7.0
+    for own in (plant.A, plant.B, plant.C, plant.E, plant.input_delay, plant.u_offset, plant.y_offset):
+        with pytest.raises(ValueError, match="read-only"):
+            own[...] = 7.0
 
 
 def test_repr_shows_the_operating_point_and_the_disturbance():

@@ -18,6 +18,8 @@ PERIOD_TOLERANCE = 1e-9
 def number(name: str, value: Any, *, above: float | None = None, least: float | None = None) -> float:
     """A finite float, optionally > ``above`` or >= ``least``."""
     try:
+        if isinstance(value, str) or np.ndim(value) > 0:
+            raise TypeError
         result = float(value)
     except (TypeError, ValueError):
         raise ValueError(f"{name} is {value!r}; give one number") from None
@@ -81,7 +83,9 @@ def per(name: str, value: ArrayLike, count: int, what: str, *, least: float | No
         raise ValueError(f"{name} has shape {values.shape}; give one number or one per {what} ({count})")
     if least is not None and (values < least).any():
         raise ValueError(f"{name} is {value!r}; it must be at least {least:g}")
-    return np.broadcast_to(values, (count,)).copy()
+    result = np.broadcast_to(values, (count,)).copy()
+    result.flags.writeable = False
+    return result
 
 
 def names(name: str, value: Sequence[str] | str | None, count: int, prefix: str) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
  * (_core_float64, _core_float32) on the stable ABI; arrays cross by the buffer protocol. */
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
+#include <structmember.h>
 #include <stddef.h>
 #include <string.h>
 
@@ -143,7 +144,12 @@ typedef struct {
     Law base;
     fsw_predictive core;
     fsw_real *decision_costs;
-    double *u; /* of the latest step */
+    unsigned char status; /* of the latest step */
+    /* Commands are handed out as rows of a block: numpy makes a view in half the time of an array. */
+    PyObject *new_block, *block;
+    views block_views;
+    double *rows;
+    Py_ssize_t next, count;
 } Predictive;
 
 typedef struct {
@@ -160,6 +166,9 @@ static void predictive_dealloc(PyObject *object)
     release(&self->base.views);
     PyMem_Free(self->core.buffer);
     PyMem_Free(self->decision_costs);
+    release(&self->block_views);
+    Py_XDECREF(self->block);
+    Py_XDECREF(self->new_block);
     dispose(object);
 }
 
@@ -167,8 +176,9 @@ static PyObject *predictive_new(PyTypeObject *type, PyObject *args, PyObject *ke
 {
     (void)keywords;
     unsigned short n, m, q, p, order, rows, candidates, bad_limit;
-    PyObject *arrays, *u;
-    if (!PyArg_ParseTuple(args, "(HHHHHHHH)OO", &n, &m, &q, &p, &order, &rows, &candidates, &bad_limit, &arrays, &u))
+    PyObject *arrays, *new_block;
+    if (!PyArg_ParseTuple(args, "(HHHHHHHH)OO", &n, &m, &q, &p, &order, &rows, &candidates, &bad_limit, &arrays,
+                          &new_block))
         return NULL;
     Predictive *self = (void *)PyType_GenericAlloc(type, 0) /* zeroed */;
     if (!self) return NULL;
@@ -228,7 +238,8 @@ static PyObject *predictive_new(PyTypeObject *type, PyObject *args, PyObject *ke
         PyErr_SetString(PyExc_ValueError, "arrays must be a tuple");
     Py_XDECREF(head);
     Py_XDECREF(tail);
-    if (!ok || !attach(v, u, "u", 'd', M, 1, 0, &self->u)) return Py_DECREF(self), NULL;
+    if (!ok) return Py_DECREF(self), NULL;
+    self->new_block = Py_NewRef(new_block);
 
     const fsw_validity validity = fsw_init(d, &core->state);
     if (validity != FSW_VALID) {
@@ -297,22 +308,43 @@ static int read_arguments(Predictive *self, PyObject *x, PyObject *reference, Py
     return 1;
 }
 
-/* step(x, reference, w) -> status, and the command in u; or None if an argument is not in the plain form */
+/* A new array (inputs,) and where its values lie. */
+static PyObject *new_command(Predictive *self, double **u)
+{
+    const Py_ssize_t m = self->base.inputs;
+    if (self->next == self->count) {
+        release(&self->block_views);
+        Py_CLEAR(self->block);
+        self->next = self->count = 0;
+        if (!(self->block = PyObject_CallNoArgs(self->new_block))) return NULL;
+        const Py_ssize_t count = PySequence_Size(self->block);
+        if (count < 1 || !attach(&self->block_views, self->block, "block", 'd', count * m, 1, 0, &self->rows))
+            return NULL;
+        self->count = count;
+    }
+    *u = self->rows + self->next * m;
+    return PySequence_GetItem(self->block, self->next++);
+}
+
+/* step(x, reference, w) -> the command, a new array; or None if an argument is not in the plain form */
 static PyObject *predictive_step(PyObject *object, PyObject *const *args, Py_ssize_t count)
 {
     Predictive *self = (Predictive *)object;
     if (count != 3) return PyErr_SetString(PyExc_TypeError, "step takes x, reference, w"), NULL;
     if (!read_arguments(self, args[0], args[1], args[2])) Py_RETURN_NONE;
+    double *u;
+    PyObject *command_array = new_command(self, &u);
+    if (!command_array) return NULL;
     fsw_predictive *core = &self->core;
     fsw_real *x = core->buffer, *r = x + self->base.measured, *w = r + self->base.reference_width;
-    const fsw_decision decision = fsw_step(&core->design, &core->state, x, r, w, w + self->base.disturbances);
+    self->status = (unsigned char)fsw_step(&core->design, &core->state, x, r, w, w + self->base.disturbances).status;
     const uint8_t *command = fsw_issued(&core->design, &core->state, 1);
     const double *levels = core->levels;
     for (uint32_t j = 0; j < self->base.inputs; j++) {
-        self->u[j] = levels[command[j]];
+        u[j] = levels[command[j]];
         levels += core->design.level_count[j];
     }
-    return PyLong_FromLong((long)decision.status);
+    return command_array;
 }
 
 /* decide(x, reference, w, costs) -> (candidate, cost, nodes, status), or None as above */
@@ -347,6 +379,7 @@ static PyObject *predictive_preload(PyObject *object, PyObject *args)
         !attach(&v, wait_object, "wait", 'I', d->inputs, 0, 0, &wait))
         return release(&v), NULL;
     const fsw_validity validity = (fsw_init(d, &self->core.state), fsw_preload(d, &self->core.state, line, wait));
+    self->status = FSW_OK;
     release(&v);
     if (validity != FSW_VALID) return PyErr_SetString(PyExc_ValueError, "a level index is out of range"), NULL;
     Py_RETURN_NONE;
@@ -366,16 +399,23 @@ static PyObject *predictive_line(PyObject *object, PyObject *nothing)
     return bytes;
 }
 
+/* The core's state without the unused end of its line. */
 static Py_ssize_t state_size(const Predictive *self)
 {
     return (Py_ssize_t)(offsetof(fsw_state, line) + (size_t)self->core.design.rows * self->core.design.inputs);
 }
 
+/* save() -> bytes: the status, then the state */
 static PyObject *predictive_save(PyObject *object, PyObject *nothing)
 {
     (void)nothing;
     Predictive *self = (Predictive *)object;
-    return PyBytes_FromStringAndSize((const char *)&self->core.state, state_size(self));
+    PyObject *bytes = PyBytes_FromStringAndSize(NULL, 1 + state_size(self));
+    if (!bytes) return NULL;
+    char *to = PyBytes_AsString(bytes);
+    to[0] = (char)self->status;
+    memcpy(to + 1, &self->core.state, (size_t)state_size(self));
+    return bytes;
 }
 
 static PyObject *predictive_restore(PyObject *object, PyObject *bytes)
@@ -384,9 +424,10 @@ static PyObject *predictive_restore(PyObject *object, PyObject *bytes)
     char *from;
     Py_ssize_t size;
     if (PyBytes_AsStringAndSize(bytes, &from, &size) < 0) return NULL;
-    if (size != state_size(self))
+    if (size != 1 + state_size(self))
         return PyErr_SetString(PyExc_ValueError, "the saved state is of another design"), NULL;
-    memcpy(&self->core.state, from, (size_t)size);
+    self->status = (unsigned char)from[0];
+    memcpy(&self->core.state, from + 1, (size_t)state_size(self));
     Py_RETURN_NONE;
 }
 
@@ -542,6 +583,10 @@ static PyMethodDef predictive_methods[] = {
     {"restore", predictive_restore, METH_O, NULL},
     {NULL, NULL, 0, NULL},
 };
+static PyMemberDef predictive_members[] = {
+    {"status", T_UBYTE, offsetof(Predictive, status), READONLY, NULL},
+    {NULL, 0, 0, 0, NULL},
+};
 static PyMethodDef baseline_methods[] = {
     {"step", baseline_step, METH_VARARGS, NULL},
     {"reset", baseline_reset, METH_NOARGS, NULL},
@@ -550,8 +595,11 @@ static PyMethodDef baseline_methods[] = {
 static PyMethodDef functions[] = {{"run", run, METH_VARARGS, NULL}, {NULL, NULL, 0, NULL}};
 
 static PyType_Slot plant_slots[] = {{Py_tp_new, plant_new}, {Py_tp_dealloc, plant_dealloc}, {0, NULL}};
-static PyType_Slot predictive_slots[] = {
-    {Py_tp_new, predictive_new}, {Py_tp_dealloc, predictive_dealloc}, {Py_tp_methods, predictive_methods}, {0, NULL}};
+static PyType_Slot predictive_slots[] = {{Py_tp_new, predictive_new},
+                                         {Py_tp_dealloc, predictive_dealloc},
+                                         {Py_tp_methods, predictive_methods},
+                                         {Py_tp_members, predictive_members},
+                                         {0, NULL}};
 static PyType_Slot baseline_slots[] = {
     {Py_tp_new, baseline_new}, {Py_tp_dealloc, baseline_dealloc}, {Py_tp_methods, baseline_methods}, {0, NULL}};
 static PyType_Spec plant_spec = {"foreswitch." MODULE ".Plant", sizeof(Plant), 0, Py_TPFLAGS_DEFAULT, plant_slots};

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -176,8 +177,6 @@ class Controller:
         DC gain of the ideal loop yd -> y.
     relative_degree : ndarray, shape (q,)
         Derivatives of each output until an input appears.
-    status : Status
-        Of the latest step.
 
     Raises
     ------
@@ -247,8 +246,7 @@ class Controller:
         self._design()
         self._reference_offset = self._sampling(preview)
         self._parts = self._core_parts()
-        self._u = np.zeros(plant.inputs)
-        self._core = CORES[real].Predictive(*self._parts, self._u)
+        self._core = CORES[real].Predictive(*self._parts, partial(np.empty, (64, plant.inputs)))
         self.reset()
 
     # ---- Design ----
@@ -425,6 +423,12 @@ class Controller:
 
     # ---- Run time ----
 
+    @property
+    def status(self) -> Status:
+        """What the latest command is based on."""
+        code: int = self._core.status
+        return STATUSES[code]
+
     def reset(self, *, pending: ArrayLike | None = None, elapsed: ArrayLike | None = None) -> None:
         """Forget the measurements; start from known commands.
 
@@ -466,7 +470,6 @@ class Controller:
             for j in range(m):
                 wait[j] = _check.periods(self._dwell_seconds[j][line[-1, j]] - since[j], self.Ts)
         self._core.preload(line.ravel(), wait)
-        self.status = Status.OK
 
     def step(self, x: ArrayLike, reference: ArrayLike, *, disturbance: ArrayLike | None = None) -> Array:
         """One switching period: choose and remember the command.
@@ -491,11 +494,11 @@ class Controller:
         ValueError
             If a shape does not fit or the reference is not finite.
         """
-        status = self._core.step(x, reference, disturbance)
-        if status is None:
-            status = self._core.step(*self._canonical(x, reference, disturbance))
-        self.status = STATUSES[status]
-        return self._u.copy()
+        u: Array | None = self._core.step(x, reference, disturbance)
+        if u is not None:
+            return u
+        converted: Array = self._core.step(*self._canonical(x, reference, disturbance))
+        return converted
 
     def decide(self, x: ArrayLike, reference: ArrayLike, *, disturbance: ArrayLike | None = None) -> Decision:
         """Every candidate with its predicted cost; changes nothing.
@@ -548,8 +551,7 @@ class Controller:
         """
         twin = object.__new__(Controller)
         twin.__dict__.update(self.__dict__)  # the design is shared: copy.copy would compute it anew
-        twin._u = self._u.copy()
-        twin._core = CORES[self.real].Predictive(*self._parts, twin._u)
+        twin._core = CORES[self.real].Predictive(*self._parts, partial(np.empty, (64, self.plant.inputs)))
         twin._core.restore(self._core.save())
         return twin
 
@@ -559,7 +561,7 @@ class Controller:
         return self._values(line.reshape(-1, self.plant.inputs))
 
     def __reduce__(self) -> Any:
-        return _rebuild, (self._arguments, self._core.save(), self.status)
+        return _rebuild, (self._arguments, self._core.save())
 
     def __repr__(self) -> str:
         o = self.objective
@@ -579,12 +581,11 @@ class Controller:
 STATUSES = tuple(Status)
 
 
-def _rebuild(arguments: dict[str, Any], state: bytes, status: Status) -> Controller:
+def _rebuild(arguments: dict[str, Any], state: bytes) -> Controller:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         controller = Controller(**arguments)
     controller._core.restore(state)
-    controller.status = status
     return controller
 
 

@@ -297,7 +297,8 @@ INLINE fsw_decision choose(const fsw_design *d, const fsw_state *s, natural m, n
             best = i;
         }
     }
-    const fsw_decision decision = {FSW_OK, (uint16_t)best, (uint16_t)candidates, least};
+    /* where every cost overflows there is nothing to choose by */
+    const fsw_decision decision = {least - least == 0 ? FSW_OK : FSW_HELD, (uint16_t)best, (uint16_t)candidates, least};
     return decision;
 }
 
@@ -308,12 +309,14 @@ fsw_decision fsw_decide(const fsw_design *d, const fsw_state *s, const fsw_real 
     fsw_decision decision = {FSW_OK, d->candidates, 0, 0};
     const fsw_status status = observe(d, s, d->outputs, measured, reference, disturbance, x, w);
     const uint8_t *present = fsw_issued(d, s, 1);
-    if (status == FSW_OK || status == FSW_COASTING)
+    if (status == FSW_OK || status == FSW_COASTING) {
         decision = SINGLE(d) ? choose(d, s, 1, 1, x, reference, w, present, costs)
                              : choose(d, s, d->inputs, d->outputs, x, reference, w, present, costs);
-    else
+        if (decision.status == FSW_OK) decision.status = status;
+    } else {
         for (natural i = 0; costs && i < d->candidates; i++) costs[i] = infinity();
-    decision.status = status;
+        decision.status = status;
+    }
     return decision;
 }
 
@@ -354,7 +357,7 @@ INLINE fsw_decision step(const fsw_design *d, fsw_state *s, natural m, natural q
     const uint8_t *present = s->line + ((s->head > 0 ? s->head : d->rows) - 1u) * m, *command = present;
     if (status == FSW_OK || status == FSW_COASTING) {
         decision = choose(d, s, m, q, s->x, reference, s->w, present, 0);
-        decision.status = status;
+        if (decision.status == FSW_OK) decision.status = status;
         if (decision.candidate < d->candidates) command = d->candidate + decision.candidate * m;
     } else if (status == FSW_SAFE)
         command = d->safe;

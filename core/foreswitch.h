@@ -67,8 +67,8 @@ typedef enum {
 typedef enum {
     FSW_OK = 0,       /* the measurement */
     FSW_COASTING = 1, /* a bad measurement was replaced by the model's prediction from the last good one */
-    FSW_HELD = 2,     /* no usable measurement yet, or a bad reference: the present command is kept */
-    FSW_SAFE = 3      /* bad_limit bad samples in a row: the safe level, whatever the dwell */
+    FSW_HELD = 2, /* no usable measurement yet, a bad reference, or all costs overflow: the present command is kept */
+    FSW_SAFE = 3  /* bad_limit bad samples in a row: the safe level, whatever the dwell */
 } fsw_status;
 
 /* One controller, constant. Arrays are row-major, their shape in brackets. An input's levels are

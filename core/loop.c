@@ -1,5 +1,9 @@
 #include "loop.h"
 
+#include <math.h>
+
+#include "noise.h"
+
 /* A decaying state is flushed here, or its denormals would slow every product with it. */
 #define STATE_FLOOR 1e-200
 
@@ -80,11 +84,8 @@ INLINE void run(fsw_law *law, const fsw_plant *p, uint32_t m, uint32_t q, const 
     const double *reference = r.reference + first * r.reference_width;
     for (uint64_t k = first; k < last; k++) {
         const double *measured = x, *w = r.w ? r.w + k * d : 0;
-        if (r.sensor || r.noise) {
-            for (uint32_t i = 0; i < r.measured; i++) {
-                r.scratch[i] = r.sensor ? product(0, r.sensor + i * n, x, n) : x[i];
-                if (r.noise) r.scratch[i] += r.noise[k * r.measured + i];
-            }
+        if (r.sensor) {
+            fsw_sensor_read(r.sensor, k, r.x, n, r.scratch);
             measured = r.scratch;
         }
         const fsw_decision decision = law->step(law, measured, reference, w, u);
@@ -105,4 +106,75 @@ void fsw_run(fsw_law *law, const fsw_plant *p, const fsw_record *record, uint64_
         run(law, p, 1, 1, record, first, last);
     else
         run(law, p, p->inputs, p->outputs, record, first, last);
+}
+
+/* ---- With real actuators ---- */
+
+void fsw_rig_start(fsw_rig *rig, const double *u, uint64_t history)
+{
+    fsw_actuators *a = &rig->actuators;
+    u -= history * a->inputs;
+    for (uint32_t j = 0; j < a->inputs; j++) {
+        a->command[j] = a->level[j] = u[j];
+        a->count[j] = 0;
+    }
+    for (uint64_t k = 0; k < history; k++) fsw_actuators_period(a, k, u + k * a->inputs, rig->levels);
+}
+
+int fsw_rig_run(fsw_law *law, fsw_rig *rig, const fsw_record *r, uint64_t history, uint64_t first, uint64_t last)
+{
+    fsw_truth *truth = rig->truth;
+    const uint32_t n = truth->states, m = truth->inputs, q = truth->outputs;
+    for (uint64_t k = first; k < last; k++) {
+        const double *x = r->x + k * n, *measured = x, *w = r->w ? r->w + k * truth->disturbances : 0;
+        double *u = r->u + k * m, *next = r->x + (k + 1) * n;
+        if (r->sensor) {
+            fsw_sensor_read(r->sensor, k, r->x, n, r->scratch);
+            measured = r->scratch;
+        }
+        const fsw_decision decision = law->step(law, measured, r->reference + k * r->reference_width, w, u);
+        r->cost[k] = decision.cost;
+        r->nodes[k] = decision.nodes;
+        r->status[k] = (uint8_t)decision.status;
+
+        fsw_actuators_period(&rig->actuators, history + k, u, rig->levels);
+        for (uint32_t i = 0; i < rig->faults; i++)
+            if (k >= rig->stuck[i].from && k < rig->stuck[i].to)
+                for (uint32_t s = 0; s < rig->actuators.segments; s++)
+                    rig->levels[s * m + rig->stuck[i].input] = rig->stuck[i].level;
+        for (uint32_t i = 0; r->load && i < rig->actuators.segments * m; i++) rig->levels[i] += r->load[k * m + i % m];
+
+        if (!truth->advance(truth, k, x, rig->levels, w, next)) return 0;
+        for (uint32_t i = 0; i < n; i++) {
+            if (rig->process) next[i] += rig->process[i] * fsw_normal(rig->seed, FSW_PROCESS_NOISE, k * n + i);
+            if (next[i] < STATE_FLOOR && next[i] > -STATE_FLOOR) next[i] = 0;
+        }
+        if (!truth->output(truth, k + 1, next, r->y + (k + 1) * q)) return 0;
+    }
+    return 1;
+}
+
+/* ---- Figures of merit ---- */
+
+void fsw_metrics(uint64_t instants, uint32_t outputs, uint32_t inputs, const double *y, const double *r,
+                 const double *u, const double *safe, double *rms, double *largest, double *switches, double *on)
+{
+    for (uint32_t o = 0; o < outputs; o++) {
+        double sum = 0, most = 0;
+        for (uint64_t k = 0; k < instants; k++) {
+            const double error = y[k * outputs + o] - r[k * outputs + o], size = error < 0 ? -error : error;
+            sum += error * error;
+            most = size > most ? size : most;
+        }
+        rms[o] = sqrt(sum / (double)instants);
+        largest[o] = most;
+    }
+    for (uint32_t j = 0; j < inputs; j++) {
+        switches[j] = on[j] = 0;
+        for (uint64_t k = 0; k + 1 < instants; k++) {
+            const double *level = u + k * inputs + j;
+            on[j] += *level != safe[j];
+            switches[j] += k > 0 && *level != *(level - inputs);
+        }
+    }
 }

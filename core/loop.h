@@ -4,6 +4,7 @@
 #define FORESWITCH_LOOP_H
 
 #include "foreswitch.h"
+#include "rig.h"
 
 /* A linear plant over one period. During period k input j applies u[k - delay_j] first and, where the dead
  * time is not a whole number of periods, u[k - delay_j + 1] for the rest. Loads act undelayed. */
@@ -47,10 +48,8 @@ fsw_decision fsw_predictive_step(fsw_law *law, const double *measured, const dou
 /* A run's arrays, row k belonging to t_k. x and y have one row more than the others; u has
  * `history` rows before row 0, at least the plant's longest delay. Null: absent. */
 typedef struct {
-    uint32_t measured;        /* values the law is given */
     uint32_t reference_width; /* outputs * order of the law */
-    const double *sensor;     /* [measured][plant states]; null: the plant's state as it is */
-    const double *noise;      /* [steps][measured] */
+    const fsw_sensor *sensor; /* null: the law is given the plant's state */
     const double *reference;  /* [steps][reference_width] */
     const double *w;          /* [steps][disturbances] */
     const double *load;       /* [steps][inputs] */
@@ -63,5 +62,27 @@ typedef struct {
 
 /* Periods first <= k < last; row `first` of x must be filled. */
 void fsw_run(fsw_law *law, const fsw_plant *plant, const fsw_record *record, uint64_t first, uint64_t last);
+
+/* The same with real actuators before the plant. */
+typedef struct {
+    fsw_truth *truth;
+    fsw_actuators actuators;
+    const fsw_stuck *stuck; /* [faults] */
+    uint32_t faults;
+    uint64_t seed;
+    const double *process; /* [states] standard deviation gathered in one period; null: none */
+    double *levels;        /* [segments][inputs] scratch */
+} fsw_rig;
+
+/* Put the actuators where the `history` rows of commands before u have brought them. */
+void fsw_rig_start(fsw_rig *rig, const double *u, uint64_t history);
+
+/* As fsw_run, once started; `history` as there. 0: the truth stopped the run. */
+int fsw_rig_run(fsw_law *law, fsw_rig *rig, const fsw_record *record, uint64_t history, uint64_t first, uint64_t last);
+
+/* Figures of merit of a run: per output rms and largest |y - r| over `instants` rows (largest is set from 0, rms too);
+ * per input changes of level and periods away from `safe`. */
+void fsw_metrics(uint64_t instants, uint32_t outputs, uint32_t inputs, const double *y, const double *r,
+                 const double *u, const double *safe, double *rms, double *largest, double *switches, double *on);
 
 #endif

@@ -1,18 +1,28 @@
 """Predictive control of actuators that can only switch and act after a dead time."""
 
 from foreswitch import baselines
+from foreswitch.batch import Batch, simulate_batch
 from foreswitch.controller import Controller, Decision, Status
-from foreswitch.loop import Run, simulate
+from foreswitch.hardware import Hardware, Stuck
+from foreswitch.loop import simulate
+from foreswitch.nonlinear import FmuPlant, NonlinearPlant
 from foreswitch.objective import Endpoint
 from foreswitch.plant import Plant
+from foreswitch.precision import Precision, compare_precision
 from foreswitch.reference import HalfSine, Ramp, Reference, Samples, Sine, Stack, Steps
+from foreswitch.run import Run
 
 __all__ = [
+    "Batch",
     "Controller",
     "Decision",
     "Endpoint",
+    "FmuPlant",
     "HalfSine",
+    "Hardware",
+    "NonlinearPlant",
     "Plant",
+    "Precision",
     "Ramp",
     "Reference",
     "Run",
@@ -21,6 +31,9 @@ __all__ = [
     "Stack",
     "Status",
     "Steps",
+    "Stuck",
     "baselines",
+    "compare_precision",
     "simulate",
+    "simulate_batch",
 ]

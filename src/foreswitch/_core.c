@@ -9,6 +9,7 @@
 #include "baselines.h"
 #include "foreswitch.h"
 #include "loop.h"
+#include "rig.h"
 
 #ifdef FSW_SINGLE
 #define MODULE "_core_float32"
@@ -48,7 +49,10 @@ static int attach(views *v, PyObject *object, const char *name, char type, Py_ss
     if (PyObject_GetBuffer(object, view, PyBUF_FORMAT | PyBUF_C_CONTIGUOUS | (writable ? PyBUF_WRITABLE : 0)) < 0)
         return 0;
     v->count++;
-    if (view->format == NULL || view->format[0] != type || view->format[1] != 0 || view->len != count * width(type)) {
+    const char given = view->format && view->format[0] == 'L' && view->itemsize == 8 ? 'Q'
+                       : view->format                                                ? view->format[0]
+                                                                                     : 0;
+    if (given != type || view->format[1] != 0 || view->len != count * width(type)) {
         PyErr_Format(PyExc_ValueError, "%s holds %zd bytes of type '%s'; %zd items of type '%c' are needed", name,
                      view->len, view->format ? view->format : "B", count, type);
         return 0;
@@ -400,6 +404,15 @@ static PyObject *predictive_line(PyObject *object, PyObject *nothing)
 }
 
 /* The core's state without the unused end of its line. */
+/* wait() -> bytes: periods, uint32, that each input must still keep its level */
+static PyObject *predictive_wait(PyObject *object, PyObject *nothing)
+{
+    (void)nothing;
+    Predictive *self = (Predictive *)object;
+    const Py_ssize_t size = (Py_ssize_t)(self->base.inputs * sizeof *self->core.state.wait);
+    return PyBytes_FromStringAndSize((const char *)self->core.state.wait, size);
+}
+
 static Py_ssize_t state_size(const Predictive *self)
 {
     return (Py_ssize_t)(offsetof(fsw_state, line) + (size_t)self->core.design.rows * self->core.design.inputs);
@@ -437,52 +450,76 @@ static void baseline_dealloc(PyObject *object)
     release(&self->base.views);
     PyMem_Free(self->core.model);
     PyMem_Free(self->core.history);
+    PyMem_Free(self->core.channels);
+    PyMem_Free(self->core.wanted);
     Py_XDECREF(self->plant);
     dispose(object);
 }
 
+/* Baseline(kind, plant, order, period, safe, (hysteresis, deadband, lead), (kp, ki, kd, kf, bias, carrier),
+ * (rate, mix, forbidden, level_count, levels, dwell)); safe is a tuple of level indices */
 static PyObject *baseline_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
 {
     (void)keywords;
-    PyObject *plant, *rate, *levels, *dwell;
+    PyObject *plant, *safe, *arrays;
     int kind;
-    unsigned int order, safe, carrier;
+    unsigned int order, carrier;
     double period, hysteresis, deadband, lead, kp, ki, kd, kf, bias;
-    if (!PyArg_ParseTuple(args, "iO!OOOIId(ddd)(dddddI)", &kind, plant_type, &plant, &rate, &levels, &dwell, &order,
-                          &safe, &period, &hysteresis, &deadband, &lead, &kp, &ki, &kd, &kf, &bias, &carrier))
+    if (!PyArg_ParseTuple(args, "iO!IdO!(ddd)(dddddI)O!", &kind, plant_type, &plant, &order, &period, &PyTuple_Type,
+                          &safe, &hysteresis, &deadband, &lead, &kp, &ki, &kd, &kf, &bias, &carrier, &PyTuple_Type,
+                          &arrays))
         return NULL;
-    Baseline *self = (void *)PyType_GenericAlloc(type, 0) /* zeroed */;
+    const fsw_plant *model = &((Plant *)plant)->plant;
+    const uint32_t n = model->states, m = model->inputs, q = model->outputs;
+    if (n > FSW_MAX_STATES || q > FSW_MAX_OUTPUTS || order < 1 || carrier < 1 || PyTuple_Size(safe) != (Py_ssize_t)m ||
+        PyTuple_Size(arrays) != 6)
+        return PyErr_SetString(PyExc_ValueError, "the baseline's sizes contradict each other"), NULL;
+    Baseline *self = (void *)PyType_GenericAlloc(type, 0); /* zeroed */
     if (!self) return NULL;
     fsw_baseline *c = &self->core;
-    Py_INCREF(plant);
-    self->plant = plant;
-    c->plant = &((Plant *)plant)->plant;
-    const uint32_t n = c->plant->states;
-    const Py_ssize_t count = PyObject_Size(levels);
+    self->plant = Py_NewRef(plant);
+    c->plant = model;
+    c->channels = PyMem_Calloc(m, sizeof *c->channels);
+    c->wanted = PyMem_Calloc(m, sizeof *c->wanted);
+    c->model = PyMem_Calloc(2 * (size_t)n, sizeof *c->model);
+    c->depth = ((Plant *)plant)->longest + 1;
+    c->history = PyMem_Calloc((size_t)c->depth * m, sizeof *c->history);
+    if (!c->channels || !c->wanted || !c->model || !c->history) return Py_DECREF(self), PyErr_NoMemory();
+
     views *v = &self->base.views;
-    if (count < 0 || !attach(v, rate, "rate", 'd', n, 0, 0, &c->rate) ||
-        !attach(v, levels, "levels", 'd', count, 0, 0, &c->levels) ||
-        !attach(v, dwell, "dwell", 'I', count, 0, 0, &c->dwell))
-        return Py_DECREF(self), NULL;
-    if (c->plant->inputs != 1 || c->plant->outputs != 1 || n > FSW_MAX_STATES || count < 2 || safe >= (size_t)count ||
-        order < 1 || carrier < 1) {
-        PyErr_SetString(PyExc_ValueError,
-                        "a baseline takes one input, one output, two levels or more and a carrier >= 1");
-        return Py_DECREF(self), NULL;
+    const uint8_t *counts;
+    const double *levels;
+    const uint32_t *dwell;
+    const Py_ssize_t forbidden = PyObject_Size(PyTuple_GetItem(arrays, 2));
+    int ok = forbidden >= 0 && attach(v, PyTuple_GetItem(arrays, 3), "level_count", 'B', m, 0, 0, &counts);
+    Py_ssize_t total = 0;
+    for (uint32_t j = 0; ok && j < m; j++) total += counts[j];
+    ok = ok && attach(v, PyTuple_GetItem(arrays, 0), "rate", 'd', (Py_ssize_t)q * n, 0, 0, &c->rate) &&
+         attach(v, PyTuple_GetItem(arrays, 1), "mix", 'd', (Py_ssize_t)m * q, 0, 0, &c->mix) &&
+         attach(v, PyTuple_GetItem(arrays, 2), "forbidden", 'B', forbidden * m, 0, 0, &c->forbidden) &&
+         attach(v, PyTuple_GetItem(arrays, 4), "levels", 'd', total, 0, 0, &levels) &&
+         attach(v, PyTuple_GetItem(arrays, 5), "dwell", 'I', total, 0, 0, &dwell);
+    for (uint32_t j = 0; ok && j < m; j++) {
+        fsw_channel *channel = c->channels + j;
+        const long level = PyLong_AsLong(PyTuple_GetItem(safe, j));
+        if (level < 0 || level >= counts[j] || counts[j] < 2)
+            ok = (PyErr_SetString(PyExc_ValueError, "a safe level is out of range"), 0);
+        channel->levels = levels, channel->dwell = dwell;
+        channel->level_count = counts[j], channel->safe = (uint32_t)level;
+        levels += counts[j], dwell += counts[j];
     }
+    if (!ok) return Py_DECREF(self), NULL;
+    c->forbidden_count = (uint32_t)forbidden;
     c->kind = (fsw_baseline_kind)kind;
-    c->order = order, c->level_count = (uint32_t)count, c->safe = safe, c->period = period;
+    c->order = order, c->period = period;
     c->hysteresis = hysteresis, c->deadband = deadband, c->lead = lead;
     c->kp = kp, c->ki = ki, c->kd = kd, c->kf = kf, c->bias = bias, c->carrier = carrier;
-    c->model = PyMem_Calloc(2 * (size_t)n, sizeof(double));
-    c->history = PyMem_Calloc((size_t)c->plant->delay[0] + 1, sizeof(double));
-    if (!c->model || !c->history) return Py_DECREF(self), PyErr_NoMemory();
     c->law.step = fsw_baseline_step;
     fsw_baseline_reset(c);
     Law *base = &self->base;
     base->law = &c->law;
-    base->measured = n, base->reference_width = order, base->order = order;
-    base->disturbances = c->plant->disturbances, base->inputs = base->outputs = 1;
+    base->measured = n, base->order = order, base->reference_width = q * order;
+    base->disturbances = model->disturbances, base->inputs = m, base->outputs = q;
     return (PyObject *)self;
 }
 
@@ -513,61 +550,413 @@ static PyObject *baseline_step(PyObject *object, PyObject *args)
     Py_RETURN_NONE;
 }
 
+/* ---- Sensor ---- */
+
+typedef struct {
+    PyObject_HEAD views views;
+    fsw_sensor sensor;
+    uint32_t states;
+} Sensor;
+
+static PyTypeObject *sensor_type;
+
+static void sensor_dealloc(PyObject *object)
+{
+    release(&((Sensor *)object)->views);
+    dispose(object);
+}
+
+/* Sensor(measured, states, missing, late, (matrix, deviation, quantum, low, high, outages)) */
+static PyObject *sensor_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
+{
+    (void)keywords;
+    unsigned int measured, states;
+    double missing, late;
+    PyObject *arrays;
+    if (!PyArg_ParseTuple(args, "IIddO", &measured, &states, &missing, &late, &arrays)) return NULL;
+    Sensor *self = (void *)PyType_GenericAlloc(type, 0); /* zeroed */
+    if (!self) return NULL;
+    fsw_sensor *s = &self->sensor;
+    self->states = states;
+    s->measured = measured, s->missing = missing, s->late = late;
+    const Py_ssize_t Z = measured, N = states;
+    PyObject *outages = PyTuple_Check(arrays) && PyTuple_Size(arrays) == 6 ? PyTuple_GetItem(arrays, 5) : Py_None;
+    const Py_ssize_t count = outages == Py_None ? 0 : PyObject_Size(outages);
+    const slot slots[] = {
+        {"matrix", 'd', Z * N, 0, 1, &s->matrix}, {"deviation", 'd', Z, 0, 1, &s->deviation},
+        {"quantum", 'd', Z, 0, 1, &s->quantum},   {"low", 'd', Z, 0, 1, &s->low},
+        {"high", 'd', Z, 0, 1, &s->high},         {"outages", 'Q', 2 * count, 0, 1, (void *)&s->outage},
+    };
+    if (count < 0 || !attach_all(&self->views, arrays, slots, COUNT(slots))) return Py_DECREF(self), NULL;
+    s->outages = (uint32_t)count;
+    if (!s->matrix && measured != states) {
+        PyErr_SetString(PyExc_ValueError, "a sensor matrix is needed where the law's state is not the plant's");
+        return Py_DECREF(self), NULL;
+    }
+    return (PyObject *)self;
+}
+
+/* ---- Rig ---- */
+
+/* A truth stepped by Python: advance(k, x, levels, w, next) and output(x, y) on memory views. */
+typedef struct {
+    fsw_truth truth;
+    uint32_t segments;
+    PyObject *advance, *output;
+} Called;
+
+typedef struct {
+    PyObject_HEAD views views;
+    fsw_rig rig;
+    fsw_linear linear;
+    Called called;
+    fsw_stuck *stuck;
+} Rig;
+
+static PyTypeObject *rig_type;
+
+static PyObject *view_of(const double *data, size_t count, int flags)
+{
+    static double nothing[1];
+    return PyMemoryView_FromMemory((char *)(data ? data : nothing), (Py_ssize_t)(count * sizeof *data), flags);
+}
+
+static int called_advance(fsw_truth *truth, uint64_t k, const double *x, const double *levels, const double *w,
+                          double *next)
+{
+    Called *self = (Called *)truth;
+    const PyGILState_STATE gil = PyGILState_Ensure();
+    PyObject *a = view_of(x, truth->states, PyBUF_READ);
+    PyObject *b = view_of(levels, (size_t)self->segments * truth->inputs, PyBUF_READ);
+    PyObject *c = view_of(w, w ? truth->disturbances : 0, PyBUF_READ);
+    PyObject *d = view_of(next, truth->states, PyBUF_WRITE);
+    PyObject *result = NULL;
+    if (a && b && c && d) result = PyObject_CallFunction(self->advance, "KOOOO", (unsigned long long)k, a, b, c, d);
+    Py_XDECREF(a);
+    Py_XDECREF(b);
+    Py_XDECREF(c);
+    Py_XDECREF(d);
+    const int ok = result != NULL;
+    Py_XDECREF(result);
+    PyGILState_Release(gil);
+    return ok;
+}
+
+static int called_output(fsw_truth *truth, uint64_t k, const double *x, double *y)
+{
+    (void)k;
+    Called *self = (Called *)truth;
+    const PyGILState_STATE gil = PyGILState_Ensure();
+    PyObject *a = view_of(x, truth->states, PyBUF_READ), *b = view_of(y, truth->outputs, PyBUF_WRITE), *result = NULL;
+    if (a && b) result = PyObject_CallFunction(self->output, "OO", a, b);
+    Py_XDECREF(a);
+    Py_XDECREF(b);
+    const int ok = result != NULL;
+    Py_XDECREF(result);
+    PyGILState_Release(gil);
+    return ok;
+}
+
+static void rig_dealloc(PyObject *object)
+{
+    Rig *self = (Rig *)object;
+    release(&self->views);
+    Py_XDECREF(self->called.advance);
+    Py_XDECREF(self->called.output);
+    PyMem_Free(self->stuck);
+    PyMem_Free(self->rig.actuators.command);
+    PyMem_Free(self->rig.actuators.count);
+    PyMem_Free(self->rig.actuators.edges);
+    PyMem_Free(self->rig.levels);
+    dispose(object);
+}
+
+static int rig_faults(Rig *self, PyObject *faults, uint32_t inputs)
+{
+    const Py_ssize_t count = PyTuple_Check(faults) ? PyTuple_Size(faults) : -1;
+    if (count < 0) return PyErr_SetString(PyExc_TypeError, "faults must be a tuple"), 0;
+    self->stuck = PyMem_Calloc((size_t)count + 1, sizeof *self->stuck);
+    if (!self->stuck) return PyErr_NoMemory(), 0;
+    for (Py_ssize_t i = 0; i < count; i++) {
+        unsigned long long from, to;
+        if (!PyArg_ParseTuple(PyTuple_GetItem(faults, i), "IdKK", &self->stuck[i].input, &self->stuck[i].level, &from,
+                              &to))
+            return 0;
+        self->stuck[i].from = from, self->stuck[i].to = to;
+        if (self->stuck[i].input >= inputs) return PyErr_SetString(PyExc_ValueError, "no such input"), 0;
+    }
+    self->rig.stuck = self->stuck;
+    self->rig.faults = (uint32_t)count;
+    return 1;
+}
+
+/* Rig((n, m, q, p), segments, pieces, length, (rise, fall, process), faults, model): faults are (input, level, from,
+ * to) in periods; model is the tuple of arrays of a linear plant, or (advance, output) */
+static PyObject *rig_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
+{
+    (void)keywords;
+    unsigned int n, m, q, p, segments, pieces;
+    unsigned long long length;
+    PyObject *timing, *faults, *model;
+    if (!PyArg_ParseTuple(args, "(IIII)IIKOOO", &n, &m, &q, &p, &segments, &pieces, &length, &timing, &faults, &model))
+        return NULL;
+    if (n > FSW_MAX_STATES || m == 0 || segments == 0 || pieces == 0 || length == 0)
+        return PyErr_SetString(PyExc_ValueError, "the rig's sizes are out of range"), NULL;
+    Rig *self = (void *)PyType_GenericAlloc(type, 0); /* zeroed */
+    if (!self) return NULL;
+    fsw_rig *rig = &self->rig;
+    fsw_actuators *a = &rig->actuators;
+    const Py_ssize_t N = n, M = m, Q = q, P = p, S = segments;
+    const slot times[] = {
+        {"rise", 'I', M, 0, 0, &a->rise}, {"fall", 'I', M, 0, 0, &a->fall}, {"process", 'd', N, 0, 1, &rig->process}};
+    if (!attach_all(&self->views, timing, times, COUNT(times)) || !rig_faults(self, faults, m))
+        return Py_DECREF(self), NULL;
+    a->inputs = m, a->segments = segments;
+    for (unsigned int j = 0; j < m; j++) {
+        const uint32_t longest = a->rise[j] > a->fall[j] ? a->rise[j] : a->fall[j];
+        if (longest / segments + 2 > a->capacity) a->capacity = longest / segments + 2;
+    }
+    a->command = PyMem_Calloc(2 * (size_t)m, sizeof *a->command);
+    a->level = a->command + m;
+    a->count = PyMem_Calloc(m, sizeof *a->count);
+    a->edges = PyMem_Calloc((size_t)m * a->capacity, sizeof *a->edges);
+    rig->levels = PyMem_Calloc((size_t)segments * m, sizeof *rig->levels);
+    if (!a->command || !a->count || !a->edges || !rig->levels) return Py_DECREF(self), PyErr_NoMemory();
+
+    const fsw_truth sizes = {.states = n, .inputs = m, .outputs = q, .disturbances = p};
+    if (PyTuple_Check(model) && PyTuple_Size(model) == 2) {
+        Called *c = &self->called;
+        c->truth = sizes;
+        c->truth.advance = called_advance, c->truth.output = called_output;
+        c->segments = segments;
+        c->advance = Py_NewRef(PyTuple_GetItem(model, 0)), c->output = Py_NewRef(PyTuple_GetItem(model, 1));
+        rig->truth = &c->truth;
+        return (PyObject *)self;
+    }
+    fsw_linear *l = &self->linear;
+    l->truth = sizes;
+    l->truth.advance = fsw_linear_advance, l->truth.output = fsw_linear_output;
+    l->segments = segments, l->pieces = pieces, l->length = length;
+    const Py_ssize_t R = pieces;
+    const slot slots[] = {
+        {"transition", 'd', R * S * N * N, 0, 0, &l->transition},
+        {"input", 'd', R * S * M * N, 0, 0, &l->input},
+        {"disturbance", 'd', R * S * N * P, 0, 0, &l->disturbance},
+        {"drift", 'd', R * S * N, 0, 0, &l->drift},
+        {"output", 'd', R * Q * N, 0, 0, &l->output},
+        {"output_zero", 'd', R * Q, 0, 0, &l->output_zero},
+    };
+    if (!attach_all(&self->views, model, slots, COUNT(slots))) return Py_DECREF(self), NULL;
+    rig->truth = &l->truth;
+    return (PyObject *)self;
+}
+
 /* ---- Closed loop ---- */
 
-/* run(law, plant, steps, history, arrays, first, last): fill rows first..last of the arrays in place */
+/* What a run needs besides its arrays: a law, a body (Plant or Rig), a sensor or none. */
+typedef struct {
+    const Law *law;
+    const fsw_plant *plant; /* or */
+    fsw_rig *rig;
+    Sensor *sensor;
+    Py_ssize_t n, m, q, p;
+} parts;
+
+static int gather(parts *c, PyObject *law, PyObject *body, PyObject *sensor, Py_ssize_t history)
+{
+    if (Py_TYPE(law) != predictive_type && Py_TYPE(law) != baseline_type)
+        return PyErr_SetString(PyExc_TypeError, "law must be a Predictive or a Baseline"), 0;
+    c->law = (Law *)law;
+    c->plant = NULL, c->rig = NULL, c->sensor = NULL;
+    Py_ssize_t longest = 0;
+    if (Py_TYPE(body) == plant_type) {
+        c->plant = &((Plant *)body)->plant;
+        longest = ((Plant *)body)->longest;
+        c->n = c->plant->states, c->m = c->plant->inputs, c->q = c->plant->outputs, c->p = c->plant->disturbances;
+    } else if (Py_TYPE(body) == rig_type) {
+        c->rig = &((Rig *)body)->rig;
+        const fsw_truth *t = c->rig->truth;
+        c->n = t->states, c->m = t->inputs, c->q = t->outputs, c->p = t->disturbances;
+    } else
+        return PyErr_SetString(PyExc_TypeError, "body must be a Plant or a Rig"), 0;
+    if (sensor != Py_None) {
+        if (Py_TYPE(sensor) != sensor_type)
+            return PyErr_SetString(PyExc_TypeError, "sensor must be a Sensor or None"), 0;
+        c->sensor = (Sensor *)sensor;
+    }
+    const Law *l = c->law;
+    if (history < longest || history < 1 || c->m != l->inputs || c->q != l->outputs ||
+        (l->disturbances > 0 && c->p != l->disturbances) ||
+        (c->sensor ? c->sensor->states != c->n || c->sensor->sensor.measured != l->measured : l->measured != c->n))
+        return PyErr_SetString(PyExc_ValueError, "the run's sizes contradict each other"), 0;
+    return 1;
+}
+
+/* One run's rows first..last, its record filled; 0: an exception is set. Call without the GIL. */
+static int loop(const parts *c, const fsw_record *r, Py_ssize_t history, Py_ssize_t first, Py_ssize_t last)
+{
+    if (c->plant) {
+        if (first == 0) fsw_plant_output(c->plant, r->x, r->y);
+        fsw_run(c->law->law, c->plant, r, (uint64_t)first, (uint64_t)last);
+        return 1;
+    }
+    if (first == 0) {
+        fsw_rig_start(c->rig, r->u, (uint64_t)history);
+        if (!c->rig->truth->output(c->rig->truth, 0, r->x, r->y)) return 0;
+    }
+    return fsw_rig_run(c->law->law, c->rig, r, (uint64_t)history, (uint64_t)first, (uint64_t)last);
+}
+
+/* run(law, body, sensor, seed, steps, history, arrays, first, last): fill rows first..last of the arrays in place */
 static PyObject *run(PyObject *module, PyObject *args)
 {
     (void)module;
-    PyObject *law_object, *plant_object, *arrays;
+    PyObject *law, *body, *sensor, *arrays;
+    unsigned long long seed;
     Py_ssize_t steps, history, first, last;
-    if (!PyArg_ParseTuple(args, "OO!nnOnn", &law_object, plant_type, &plant_object, &steps, &history, &arrays, &first,
-                          &last))
+    if (!PyArg_ParseTuple(args, "OOOKnnOnn", &law, &body, &sensor, &seed, &steps, &history, &arrays, &first, &last))
         return NULL;
-    if (Py_TYPE(law_object) != predictive_type && Py_TYPE(law_object) != baseline_type)
-        return PyErr_SetString(PyExc_TypeError, "law must be a Predictive or a Baseline"), NULL;
-    const Law *law = (Law *)law_object;
-    const fsw_plant *p = &((Plant *)plant_object)->plant;
-    if (first < 0 || first > last || last > steps || history < (Py_ssize_t)((Plant *)plant_object)->longest ||
-        p->inputs != law->inputs || p->outputs != law->outputs ||
-        (law->disturbances > 0 && p->disturbances != law->disturbances))
-        return PyErr_SetString(PyExc_ValueError, "the run's sizes contradict each other"), NULL;
-    const Py_ssize_t n = p->states, m = p->inputs, q = p->outputs, d = p->disturbances, z = law->measured;
-    fsw_record r = {.measured = law->measured, .reference_width = law->reference_width};
+    parts c;
+    if (!gather(&c, law, body, sensor, history)) return NULL;
+    if (first < 0 || first > last || last > steps)
+        return PyErr_SetString(PyExc_ValueError, "the rows are out of range"), NULL;
+    fsw_record r = {.reference_width = c.law->reference_width};
     views v = {.count = 0};
     const slot slots[] = {
-        {"sensor", 'd', z * n, 0, 1, &r.sensor},
-        {"noise", 'd', steps * z, 0, 1, &r.noise},
-        {"reference", 'd', steps * law->reference_width, 0, 0, &r.reference},
-        {"w", 'd', steps * d, 0, d == 0, &r.w},
-        {"load", 'd', steps * m, 0, 1, &r.load},
-        {"x", 'd', (steps + 1) * n, 1, 0, &r.x},
-        {"y", 'd', (steps + 1) * q, 1, 0, &r.y},
-        {"u", 'd', (history + steps) * m, 1, 0, &r.u},
+        {"reference", 'd', steps * c.law->reference_width, 0, 0, &r.reference},
+        {"w", 'd', steps * c.p, 0, c.p == 0, &r.w},
+        {"load", 'd', steps * c.m, 0, 1, &r.load},
+        {"x", 'd', (steps + 1) * c.n, 1, 0, &r.x},
+        {"y", 'd', (steps + 1) * c.q, 1, 0, &r.y},
+        {"u", 'd', (history + steps) * c.m, 1, 0, &r.u},
         {"cost", 'd', steps, 1, 0, &r.cost},
         {"nodes", 'I', steps, 1, 0, &r.nodes},
         {"status", 'B', steps, 1, 0, &r.status},
     };
-    PyObject *result = NULL;
-    if (!attach_all(&v, arrays, slots, COUNT(slots))) goto done;
-    if (!r.sensor && z != n) {
-        PyErr_SetString(PyExc_ValueError, "a sensor matrix is needed where the law's state is not the plant's");
-        goto done;
+    fsw_sensor reading;
+    int ok = attach_all(&v, arrays, slots, COUNT(slots));
+    if (ok && !(r.scratch = PyMem_Malloc(sizeof(double) * ((size_t)c.law->measured + 1)))) ok = (PyErr_NoMemory(), 0);
+    if (ok) {
+        r.u += history * c.m;
+        if (c.p == 0) r.w = NULL;
+        if (c.sensor) {
+            reading = c.sensor->sensor;
+            reading.seed = seed;
+            r.sensor = &reading;
+        }
+        if (c.rig) c.rig->seed = seed;
+        Py_BEGIN_ALLOW_THREADS;
+        ok = loop(&c, &r, history, first, last);
+        Py_END_ALLOW_THREADS;
+        PyMem_Free(r.scratch);
     }
-    r.u += history * m;
-    r.scratch = PyMem_Malloc(sizeof(double) * (size_t)(z > 0 ? z : 1));
-    if (!r.scratch) {
-        PyErr_NoMemory();
-        goto done;
-    }
-    Py_BEGIN_ALLOW_THREADS;
-    fsw_run(law->law, p, &r, (uint64_t)first, (uint64_t)last);
-    Py_END_ALLOW_THREADS;
-    PyMem_Free(r.scratch);
-    result = Py_NewRef(Py_None);
-done:
     release(&v);
-    return result;
+    return ok ? Py_NewRef(Py_None) : NULL;
+}
+
+/* batch(law, body, sensor, steps, history, arrays): many runs of one loop, figures of merit only. arrays: reference, w,
+ * load, past [history][m], wanted [steps+1][q], safe [m], seeds [R], x0 [R][n], and out: rms [R][q], largest [R][q],
+ * switches [R][m], on [R][m]. The law's state at entry is every run's first. */
+static PyObject *batch(PyObject *module, PyObject *args)
+{
+    (void)module;
+    PyObject *law, *body, *sensor, *arrays;
+    Py_ssize_t steps, history;
+    if (!PyArg_ParseTuple(args, "OOOnnO", &law, &body, &sensor, &steps, &history, &arrays)) return NULL;
+    parts c;
+    if (!gather(&c, law, body, sensor, history)) return NULL;
+    if (c.rig && c.rig->truth != &((Rig *)body)->linear.truth)
+        return PyErr_SetString(PyExc_ValueError, "only linear plants run in batches"), NULL;
+    const Py_ssize_t runs =
+        PyTuple_Check(arrays) && PyTuple_Size(arrays) == 12 ? PyObject_Size(PyTuple_GetItem(arrays, 6)) : -1;
+    if (runs < 0) return PyErr_SetString(PyExc_ValueError, "twelve arrays are needed"), NULL;
+    fsw_record r = {.reference_width = c.law->reference_width};
+    const double *past, *wanted, *safe, *x0;
+    const uint64_t *seeds;
+    double *rms, *largest, *switches, *on;
+    views v = {.count = 0};
+    const slot slots[] = {
+        {"reference", 'd', steps * c.law->reference_width, 0, 0, &r.reference},
+        {"w", 'd', steps * c.p, 0, c.p == 0, &r.w},
+        {"load", 'd', steps * c.m, 0, 1, &r.load},
+        {"past", 'd', history * c.m, 0, 0, &past},
+        {"wanted", 'd', (steps + 1) * c.q, 0, 0, &wanted},
+        {"safe", 'd', c.m, 0, 0, &safe},
+        {"seeds", 'Q', runs, 0, 0, &seeds},
+        {"x0", 'd', runs * c.n, 0, 0, &x0},
+        {"rms", 'd', runs * c.q, 1, 0, &rms},
+        {"largest", 'd', runs * c.q, 1, 0, &largest},
+        {"switches", 'd', runs * c.m, 1, 0, &switches},
+        {"on", 'd', runs * c.m, 1, 0, &on},
+    };
+    if (!attach_all(&v, arrays, slots, COUNT(slots))) return release(&v), NULL;
+    if (c.p == 0) r.w = NULL;
+    Predictive *predictive = Py_TYPE(law) == predictive_type ? (Predictive *)law : NULL;
+    const size_t state = predictive ? (size_t)state_size(predictive) : 0;
+    const size_t rows = (size_t)steps + 1;
+    char *start = PyMem_Malloc(state + 1);
+    double *x = PyMem_Calloc(rows * (size_t)c.n, sizeof *x), *y = PyMem_Calloc(rows * (size_t)c.q, sizeof *y);
+    double *u = PyMem_Calloc(((size_t)history + rows) * (size_t)c.m, sizeof *u),
+           *cost = PyMem_Calloc(rows, sizeof *cost);
+    uint32_t *nodes = PyMem_Calloc(rows, sizeof *nodes);
+    uint8_t *status = PyMem_Calloc(rows, sizeof *status);
+    r.scratch = PyMem_Calloc((size_t)c.law->measured + 1, sizeof *r.scratch);
+    const int ok = start && x && y && u && cost && nodes && status && r.scratch;
+    if (ok) {
+        if (predictive) memcpy(start, &predictive->core.state, state);
+        r.x = x, r.y = y, r.u = u + history * c.m, r.cost = cost, r.nodes = nodes, r.status = status;
+        fsw_sensor reading;
+        if (c.sensor) {
+            reading = c.sensor->sensor;
+            r.sensor = &reading;
+        }
+        Py_BEGIN_ALLOW_THREADS;
+        for (Py_ssize_t i = 0; i < runs; i++) {
+            if (predictive)
+                memcpy(&predictive->core.state, start, state);
+            else
+                fsw_baseline_reset(&((Baseline *)law)->core);
+            memcpy(u, past, (size_t)(history * c.m) * sizeof *u);
+            memcpy(x, x0 + i * c.n, (size_t)c.n * sizeof *x);
+            if (c.sensor) reading.seed = seeds[i];
+            if (c.rig) c.rig->seed = seeds[i];
+            loop(&c, &r, history, 0, steps);
+            fsw_metrics(rows, (uint32_t)c.q, (uint32_t)c.m, y, wanted, r.u, safe, rms + i * c.q, largest + i * c.q,
+                        switches + i * c.m, on + i * c.m);
+        }
+        Py_END_ALLOW_THREADS;
+    }
+    PyMem_Free(start);
+    PyMem_Free(x);
+    PyMem_Free(y);
+    PyMem_Free(u);
+    PyMem_Free(cost);
+    PyMem_Free(nodes);
+    PyMem_Free(status);
+    PyMem_Free(r.scratch);
+    release(&v);
+    return ok ? Py_NewRef(Py_None) : PyErr_NoMemory();
+}
+
+/* metrics(instants, q, m, (y, r, u, safe, rms, largest, switches, on)) */
+static PyObject *metrics(PyObject *module, PyObject *args)
+{
+    (void)module;
+    Py_ssize_t rows, q, m;
+    PyObject *arrays;
+    if (!PyArg_ParseTuple(args, "nnnO", &rows, &q, &m, &arrays)) return NULL;
+    const double *y, *r, *u, *safe;
+    double *rms, *largest, *switches, *on;
+    views v = {.count = 0};
+    const slot slots[] = {
+        {"y", 'd', rows * q, 0, 0, &y},        {"r", 'd', rows * q, 0, 0, &r}, {"u", 'd', (rows - 1) * m, 0, 0, &u},
+        {"safe", 'd', m, 0, 0, &safe},         {"rms", 'd', q, 1, 0, &rms},    {"largest", 'd', q, 1, 0, &largest},
+        {"switches", 'd', m, 1, 0, &switches}, {"on", 'd', m, 1, 0, &on},
+    };
+    const int ok = rows > 0 && attach_all(&v, arrays, slots, COUNT(slots));
+    if (ok) fsw_metrics((uint64_t)rows, (uint32_t)q, (uint32_t)m, y, r, u, safe, rms, largest, switches, on);
+    release(&v);
+    return ok ? Py_NewRef(Py_None) : NULL;
 }
 
 /* ---- Module ---- */
@@ -575,13 +964,10 @@ done:
 #define FAST(function) ((PyCFunction)(void (*)(void))(function))
 
 static PyMethodDef predictive_methods[] = {
-    {"step", FAST(predictive_step), METH_FASTCALL, NULL},
-    {"decide", FAST(predictive_decide), METH_FASTCALL, NULL},
-    {"preload", predictive_preload, METH_VARARGS, NULL},
-    {"line", predictive_line, METH_NOARGS, NULL},
-    {"save", predictive_save, METH_NOARGS, NULL},
-    {"restore", predictive_restore, METH_O, NULL},
-    {NULL, NULL, 0, NULL},
+    {"step", FAST(predictive_step), METH_FASTCALL, NULL}, {"decide", FAST(predictive_decide), METH_FASTCALL, NULL},
+    {"preload", predictive_preload, METH_VARARGS, NULL},  {"line", predictive_line, METH_NOARGS, NULL},
+    {"wait", predictive_wait, METH_NOARGS, NULL},         {"save", predictive_save, METH_NOARGS, NULL},
+    {"restore", predictive_restore, METH_O, NULL},        {NULL, NULL, 0, NULL},
 };
 static PyMemberDef predictive_members[] = {
     {"status", T_UBYTE, offsetof(Predictive, status), READONLY, NULL},
@@ -592,7 +978,12 @@ static PyMethodDef baseline_methods[] = {
     {"reset", baseline_reset, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
-static PyMethodDef functions[] = {{"run", run, METH_VARARGS, NULL}, {NULL, NULL, 0, NULL}};
+static PyMethodDef functions[] = {
+    {"run", run, METH_VARARGS, NULL},
+    {"batch", batch, METH_VARARGS, NULL},
+    {"metrics", metrics, METH_VARARGS, NULL},
+    {NULL, NULL, 0, NULL},
+};
 
 static PyType_Slot plant_slots[] = {{Py_tp_new, plant_new}, {Py_tp_dealloc, plant_dealloc}, {0, NULL}};
 static PyType_Slot predictive_slots[] = {{Py_tp_new, predictive_new},
@@ -602,6 +993,10 @@ static PyType_Slot predictive_slots[] = {{Py_tp_new, predictive_new},
                                          {0, NULL}};
 static PyType_Slot baseline_slots[] = {
     {Py_tp_new, baseline_new}, {Py_tp_dealloc, baseline_dealloc}, {Py_tp_methods, baseline_methods}, {0, NULL}};
+static PyType_Slot sensor_slots[] = {{Py_tp_new, sensor_new}, {Py_tp_dealloc, sensor_dealloc}, {0, NULL}};
+static PyType_Slot rig_slots[] = {{Py_tp_new, rig_new}, {Py_tp_dealloc, rig_dealloc}, {0, NULL}};
+static PyType_Spec sensor_spec = {"foreswitch." MODULE ".Sensor", sizeof(Sensor), 0, Py_TPFLAGS_DEFAULT, sensor_slots};
+static PyType_Spec rig_spec = {"foreswitch." MODULE ".Rig", sizeof(Rig), 0, Py_TPFLAGS_DEFAULT, rig_slots};
 static PyType_Spec plant_spec = {"foreswitch." MODULE ".Plant", sizeof(Plant), 0, Py_TPFLAGS_DEFAULT, plant_slots};
 static PyType_Spec predictive_spec = {"foreswitch." MODULE ".Predictive", sizeof(Predictive), 0, Py_TPFLAGS_DEFAULT,
                                       predictive_slots};
@@ -622,12 +1017,14 @@ PyMODINIT_FUNC INIT(void)
     PyObject *module = PyModule_Create(&definition);
     if (!module) return NULL;
     plant_type = add_type(module, &plant_spec, "Plant");
+    sensor_type = add_type(module, &sensor_spec, "Sensor");
+    rig_type = add_type(module, &rig_spec, "Rig");
     predictive_type = add_type(module, &predictive_spec, "Predictive");
     baseline_type = add_type(module, &baseline_spec, "Baseline");
     const int limits[] = {FSW_MAX_STATES, FSW_MAX_INPUTS, FSW_MAX_OUTPUTS, FSW_MAX_DISTURBANCES, FSW_MAX_LINE};
     const char *names[] = {"MAX_STATES", "MAX_INPUTS", "MAX_OUTPUTS", "MAX_DISTURBANCES", "MAX_LINE"};
     for (int i = 0; i < 5; i++)
         if (PyModule_AddIntConstant(module, names[i], limits[i]) < 0) return Py_DECREF(module), NULL;
-    if (!plant_type || !predictive_type || !baseline_type) return Py_DECREF(module), NULL;
+    if (!plant_type || !sensor_type || !rig_type || !predictive_type || !baseline_type) return Py_DECREF(module), NULL;
     return module;
 }

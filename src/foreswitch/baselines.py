@@ -1,14 +1,14 @@
 """What people use today: a relay with hysteresis, and PI with pulse-width modulation, alone or behind a Smith predictor.
 
 They run in the same closed loop as a `Controller`, under the same switching period and dwell, on the same measured
-state (their derivative action takes y' from it). One input, one output.
+state (their derivative action takes y' from it).
 """
 
 from __future__ import annotations
 
 import copy
 from abc import ABC
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -18,11 +18,13 @@ from scipy.optimize import differential_evolution
 
 from foreswitch import _check
 from foreswitch._check import Array
-from foreswitch.controller import canonical_reference, dwell_periods, input_levels, safe_indices
+from foreswitch.controller import canonical_reference, dwell_periods, input_levels, level_indices, safe_indices
 from foreswitch.core import CORES, core_plant
-from foreswitch.loop import Run, simulate
+from foreswitch.loop import simulate
+from foreswitch.nonlinear import SteppedPlant
 from foreswitch.plant import Plant
 from foreswitch.prediction import relative_degrees
+from foreswitch.run import Run
 
 __all__ = ["PIPWM", "Baseline", "Relay", "SmithPWM", "Tuned", "tune"]
 
@@ -33,14 +35,17 @@ class Baseline(ABC):
     Parameters
     ----------
     plant : Plant
-        One input, one output. The Smith predictor uses all of it, the others its output row.
-    levels : array_like
-        Ascending.
+        The Smith predictor uses all of it, the others its outputs. With several inputs or outputs, input j acts on its
+        own combination of the errors: row j, of length 1, of the pseudo-inverse of ``C A^(r-1) B``.
+    levels : array_like, or list of them
+        As in `Controller`.
     Ts : float
         Switching period [s].
-    min_on, min_off : float
+    min_on, min_off : float or array_like, shape (m,)
         Shortest time at a level [s], as in `Controller`.
-    safe_level : float, optional
+    forbidden : sequence of commands
+        As in `Controller`; instead of one of these the present command is kept.
+    safe_level : float or array_like, shape (m,), optional
         As in `Controller`; the level before the first step.
     preview : float
         Seconds ahead at which the reference is sampled.
@@ -48,7 +53,7 @@ class Baseline(ABC):
     Raises
     ------
     ValueError
-        If an argument is out of range or the plant has several inputs or outputs.
+        If an argument is out of range.
     """
 
     KIND: ClassVar[int]
@@ -61,21 +66,19 @@ class Baseline(ABC):
         levels: Any,
         Ts: float,
         *,
-        min_on: float = 0.0,
-        min_off: float = 0.0,
-        safe_level: float | None = None,
+        min_on: ArrayLike = 0.0,
+        min_off: ArrayLike = 0.0,
+        forbidden: Sequence[ArrayLike] = (),
+        safe_level: ArrayLike | None = None,
         preview: float = 0.0,
     ) -> None:
         if not isinstance(plant, Plant):
             raise ValueError(f"plant is a {type(plant).__name__}; give a Plant")
-        if plant.inputs != 1 or plant.outputs != 1:
-            raise ValueError(
-                f"plant has {plant.inputs} input(s) and {plant.outputs} output(s); a baseline takes one of each"
-            )
-        self.plant, self.levels = plant, input_levels(levels, 1)
+        self.plant, self.levels = plant, input_levels(levels, plant.inputs)
         self.Ts = _check.number("Ts", Ts, above=0.0)
         self._safe = safe_indices(safe_level, self.levels)
         self._dwell, _ = dwell_periods(self.levels, self._safe, min_on, min_off, self.Ts)
+        self._forbidden = [level_indices("forbidden", command, self.levels) for command in forbidden]
         self._preview = _check.number("preview", preview)
 
     @property
@@ -85,12 +88,26 @@ class Baseline(ABC):
 
     def _start(self, relay: tuple[float, float, float], pwm: tuple[float, float, float, float, float, int]) -> None:
         """Hand the parameters to C."""
-        measurable = relative_degrees(self.plant)[0] != 1  # else y' jumps with u and is no state
-        rate = self.plant.C[0] @ self.plant.A * measurable
-        body, _ = core_plant(self.plant, self.Ts, self.real)
-        dwell = np.array(self._dwell[0], dtype=np.uint32)
-        self._parts = (self.KIND, body, np.ascontiguousarray(rate), self.levels[0], dwell, self.order, self._safe[0],
-                       self.Ts, relay, pwm)  # fmt: skip
+        plant = self.plant
+        degrees = relative_degrees(plant)
+        powers = [plant.C]
+        for _ in range(plant.states):
+            powers.append(powers[-1] @ plant.A)
+        # of relative degree 1, y' jumps with u and is no state
+        rate = np.array([powers[1][o] * (degrees[o] != 1) for o in range(plant.outputs)])
+        reach = np.array([powers[max(r - 1, 0)][o] @ plant.B for o, r in enumerate(degrees)])
+        mix = np.linalg.pinv(reach)
+        mix /= np.maximum(np.linalg.norm(mix, axis=1, keepdims=True), 1e-300)
+        body, _ = core_plant(plant, self.Ts, self.real)
+        arrays = (
+            np.ascontiguousarray(rate),
+            np.ascontiguousarray(mix),
+            np.array(self._forbidden, dtype=np.uint8).reshape(-1, plant.inputs),
+            np.array([values.size for values in self.levels], dtype=np.uint8),
+            np.concatenate(self.levels),
+            np.concatenate(self._dwell).astype(np.uint32),
+        )
+        self._parts = (self.KIND, body, self.order, self.Ts, tuple(self._safe), relay, pwm, arrays)
         self._core = CORES[self.real].Baseline(*self._parts)
 
     def step(self, x: ArrayLike, reference: ArrayLike, *, disturbance: ArrayLike | None = None) -> Array:
@@ -107,13 +124,13 @@ class Baseline(ABC):
 
         Returns
         -------
-        ndarray, shape (1,)
+        ndarray, shape (m,)
         """
-        u = np.empty(1)
+        u = np.empty(self.plant.inputs)
         n, p = self.plant.states, self.plant.disturbances
         state = _check.vector("x", x, n, "measured state")
         w = np.zeros(p) if disturbance is None else _check.vector("disturbance", disturbance, p, "measured disturbance")
-        self._core.step(state, canonical_reference(reference, 1, self.order), w, u)
+        self._core.step(state, canonical_reference(reference, self.plant.outputs, self.order), w, u)
         return u
 
     def reset(self) -> None:
@@ -132,7 +149,7 @@ class Baseline(ABC):
         return twin
 
     def _history(self) -> Array:
-        return np.array([[self.levels[0][self._safe[0]]]])
+        return np.array([[values[i] for values, i in zip(self.levels, self._safe, strict=True)]])
 
 
 class Relay(Baseline):
@@ -234,8 +251,10 @@ class SmithPWM(PIPWM):
     KIND = 2
 
     def __init__(self, plant: Plant, levels: Any, Ts: float, **options: Any) -> None:
-        if (plant.poles.real > 1e-9).any():
-            raise ValueError(f"plant has the unstable pole {plant.poles[-1]:.3g}; a Smith predictor needs none")
+        fastest = max(plant.poles, key=lambda pole: float(pole.real))
+        if fastest.real > 1e-9:
+            pole = fastest if fastest.imag else fastest.real
+            raise ValueError(f"plant has the unstable pole {pole:.3g}; a Smith predictor needs none")
         super().__init__(plant, levels, Ts, **options)
 
 
@@ -272,8 +291,10 @@ def tune(
     duration: float,
     *,
     budget: int = 400,
-    seed: int = 0,
+    search_seed: int = 0,
+    preview: float = 0.0,
     shared: dict[str, Any] | None = None,
+    truth: Plant | SteppedPlant | None = None,
     **simulation: Any,
 ) -> Tuned:
     """The baseline with the smallest rms error on one closed-loop task.
@@ -292,10 +313,14 @@ def tune(
         The task, as in `foreswitch.simulate`.
     budget : int
         Closed-loop runs, about.
-    seed : int
+    search_seed : int
         Of the search.
+    preview : float
+        How far ahead the reference is known [s]; where > 0, how much of it is used is searched for as well.
     shared : dict, optional
         Arguments of `Baseline`.
+    truth : Plant, optional
+        What it is simulated against, where that differs from the plant it is built for.
     **simulation
         Further arguments of `foreswitch.simulate`.
 
@@ -303,12 +328,13 @@ def tune(
     -------
     Tuned
     """
-    shared = shared or {}
-    trial = kind(plant, levels, Ts, **({"kp": 1.0, "carrier": Ts} if issubclass(kind, PIPWM) else {}), **shared)
+    shared, simulation = shared or {}, simulation | {"plant": truth}
+    needed: dict[str, Any] = {"kp": 1.0, "carrier": Ts} if issubclass(kind, PIPWM) else {}
+    trial = kind(plant, levels, Ts, **needed, **shared)
     start = simulate(trial, reference, duration, **simulation)
-    error = float(max(np.ptp(start.r), np.abs(start.r - plant.y_offset).max(), 1e-9))
-    reach = float(np.ptp(trial.levels[0]))
-    time = float(plant.input_delay[0]) + 2.0 * Ts
+    error = float(max(np.ptp(start.r, axis=0).max(), np.abs(start.r - plant.y_offset).max(), 1e-9))
+    reach = max(float(np.ptp(values)) for values in trial.levels)
+    time = float(plant.input_delay.max()) + 2.0 * Ts
     gain = reach / error
     if issubclass(kind, PIPWM):
         box = {
@@ -320,16 +346,21 @@ def tune(
         }
     else:
         box = {"hysteresis": (1e-5 * error, 0.3 * error), "lead": (1e-2 * time, 1e3 * time)}
-        if 0 < trial._safe[0] < trial.levels[0].size - 1:
+        if any(0 < i < values.size - 1 for i, values in zip(trial._safe, trial.levels, strict=True)):
             box["deadband"] = (1e-5 * error, 0.3 * error)
-    names = list(box)
-    best: tuple[float, dict[str, float], Run] | None = None
+    bounds = {name: (float(np.log(low)), float(np.log(high))) for name, (low, high) in box.items()}
+    if preview > 0:
+        bounds["preview"] = (0.0, preview)  # the one parameter that may be zero, on a linear scale
+    guess = [float(np.log(np.clip(getattr(trial, name), *box[name]))) if name in box else 0.0 for name in bounds]
+    best: tuple[float, dict[str, Any], Run] | None = None
     count = 0
 
-    def cost(logs: Array) -> float:
+    def cost(found: Array) -> float:
         nonlocal best, count
         count += 1
-        parameters = dict(zip(names, np.exp(logs).tolist(), strict=True))
+        parameters: dict[str, Any] = {
+            name: float(np.exp(value) if name in box else value) for name, value in zip(bounds, found, strict=True)
+        }
         run = simulate(kind(plant, levels, Ts, **parameters, **shared), reference, duration, **simulation)
         rms = float(np.sqrt(np.mean((run.y - run.r) ** 2)))
         if best is None or rms < best[0]:
@@ -338,11 +369,13 @@ def tune(
 
     generations = 12
     members = max(5, budget // (generations + 1))
-    rng = np.random.default_rng(seed)
-    low, high = np.log(np.array(list(box.values()))).T
-    initial = low + (high - low) * rng.random((members, len(names)))
+    rng = np.random.default_rng(search_seed)
+    low, high = np.array(list(bounds.values())).T
+    initial = low + (high - low) * rng.random((members, len(bounds)))
+    cost(np.array(guess))  # the parameters it has by default: never worse than these
     differential_evolution(
-        cost, list(zip(low, high, strict=True)), init=initial, maxiter=generations, tol=0.0, polish=False, rng=rng
-    )
+        cost, list(zip(low, high, strict=True)), init=initial, maxiter=generations, polish=False, rng=rng,
+        tol=0.0, atol=-1.0,  # never early: a plateau, which relays have, is no reason to stop
+    )  # fmt: skip
     assert best is not None
     return Tuned(kind(plant, levels, Ts, **best[1], **shared), best[1], best[2], best[0], count)

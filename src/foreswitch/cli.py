@@ -9,17 +9,19 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from foreswitch._files import whole_folder, write_whole
+from foreswitch.compare import compare as run_compare
+from foreswitch.compare import switching_rate, total_rms
 from foreswitch.demo import hot_gas_file, run_demo
 from foreswitch.project import Project
 from foreswitch.reference import Samples
 from foreswitch.report import metric_table, run_report
+from foreswitch.run import listed
 
 __all__ = ["main"]
 
@@ -63,7 +65,7 @@ def demo(out: Out = Path("foreswitch-demo"), as_json: Json = False) -> None:
         runs |= {f"{frequency:g} Hz with vent": run for frequency, run in result.cyclic.items()}
         for name, run in runs.items():
             run.to_csv(folder / f"{_slug(name)}.csv")
-        summary = {name: _plain(run.metrics()) for name, run in runs.items()}
+        summary = {name: listed(run.metrics()) for name, run in runs.items()}
         write_whole(folder / "metrics.json", _json(summary))
     if as_json:
         print(_json(summary), end="")
@@ -108,11 +110,10 @@ def simulate(
         followed, end = Samples.read_csv_columns(reference, setup.plant.outputs)
         changes.setdefault("duration", end)
     run = setup.simulate(reference=followed, **changes)
-    summary = _plain(run.metrics())
+    summary = listed(run.metrics())
     if out is not None:
         with whole_folder(out) as folder:
-            name = project.stem if project.stem != "project" else project.resolve().parent.name
-            run_report(name, run, setup.controller).write(folder)
+            run_report(_title(project), run, setup.controller).write(folder)
             run.to_csv(folder / "run.csv")
             write_whole(folder / "metrics.json", _json(summary))
     if as_json:
@@ -123,13 +124,46 @@ def simulate(
         print(f"{out / 'report.html'}, pictures and trace beside it")
 
 
+@app.command(epilog="Example: foreswitch compare project.toml --out compared")
+def compare(
+    project: ProjectFile,
+    budget: Annotated[int, typer.Option("--budget", min=20, help="Closed-loop runs per tuned baseline, about.")] = 300,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for report, pictures and traces.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Laws and tuned baselines on a project: error against switching rate."""
+    setup = Project.read(project)
+    with Console(stderr=True).status("compare") as status:
+        result = run_compare(setup, budget=budget, progress=lambda what: status.update(what))
+    summary = {name: listed(run.metrics()) for name, run in result.runs.items()}
+    for law, curve in result.curves.items():
+        summary[law]["curve"] = [
+            {"parameter": value, "rms_error": total_rms(run), "switching_rate": switching_rate(run)}
+            for value, run in curve
+        ]
+    if out is not None:
+        with whole_folder(out) as folder:
+            result.report(_title(project)).write(folder)
+            for name, run in result.runs.items():
+                run.to_csv(folder / f"{_slug(name)}.csv")
+            write_whole(folder / "metrics.json", _json(summary))
+    if as_json:
+        print(_json(summary), end="")
+        return
+    _print_table(str(project), result.table())
+    for law, why in result.skipped.items():
+        print(f"{law} is left out: {why}")
+    if out is not None:
+        print(f"{out / 'report.html'}, pictures and traces beside it")
+
+
+def _title(project: Path) -> str:
+    return project.stem if project.stem != "project" else project.resolve().parent.name
+
+
 def _slug(name: str) -> str:
     words = "".join(c if c.isalnum() or c == "." else " " for c in name.lower()).split()
     return "_".join(words).replace(".", "p")
-
-
-def _plain(metrics: dict[str, Any]) -> dict[str, Any]:
-    return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in metrics.items()}
 
 
 def _json(value: Any) -> str:

@@ -20,7 +20,16 @@ from foreswitch.core import CORES, REALS
 from foreswitch.objective import Endpoint
 from foreswitch.plant import Plant
 
-__all__ = ["Controller", "Decision", "Status", "canonical_reference", "dwell_periods", "input_levels", "safe_indices"]
+__all__ = [
+    "Controller",
+    "Decision",
+    "Status",
+    "canonical_reference",
+    "dwell_periods",
+    "input_levels",
+    "level_indices",
+    "safe_indices",
+]
 
 
 class Status(IntEnum):
@@ -40,8 +49,8 @@ class Status(IntEnum):
 REMEDIES = {
     Status.OK: "The command rests on the measurement.",
     Status.COASTING: "A measurement was not finite and the model's prediction stood in for it. Check the sensor.",
-    Status.HELD: "There was no usable measurement yet, or the reference was not finite, and the present command was "
-    "kept. Give one finite measurement and a finite reference.",
+    Status.HELD: "There was no usable measurement yet, the reference was not finite, or every cost overflowed, and the "
+    "present command was kept. Give one measurement and a reference of a sensible size.",
     Status.SAFE: "The safe level was commanded after bad_limit bad samples in a row. Repair the sensor; control "
     "resumes with the first finite measurement.",
 }
@@ -554,6 +563,28 @@ class Controller:
         twin._core = CORES[self.real].Predictive(*self._parts, partial(np.empty, (64, self.plant.inputs)))
         twin._core.restore(self._core.save())
         return twin
+
+    def replace(self, **changes: Any) -> Controller:
+        """A controller with some arguments changed, at its start.
+
+        Parameters
+        ----------
+        **changes
+            Any argument of `Controller`.
+
+        Returns
+        -------
+        Controller
+
+        Raises
+        ------
+        ValueError
+            As `Controller`, or if it has no such argument.
+        """
+        unknown = sorted(changes.keys() - self._arguments.keys())
+        if unknown:
+            raise ValueError(f"Controller has no argument {unknown[0]!r}; {nearest(unknown[0], self._arguments)}")
+        return Controller(**(self._arguments | changes))
 
     def _history(self) -> Array:
         """Commands issued, oldest first, shape (pending_steps + 1, m)."""

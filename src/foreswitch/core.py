@@ -8,10 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from foreswitch import _core_float32, _core_float64, prediction
+from foreswitch import _check, _core_float32, _core_float64, hardware, prediction
+from foreswitch._check import Array
+from foreswitch.hardware import Hardware
+from foreswitch.nonlinear import SteppedPlant
 from foreswitch.plant import Plant
 
-__all__ = ["CORES", "REALS", "core_plant"]
+__all__ = ["CORES", "REALS", "core_plant", "core_rig", "core_sensor"]
+
+#: Pieces of constant parameters that a drift over one run is made of.
+DRIFT_PIECES = 100
 
 CORES: dict[str, ModuleType] = {"float64": _core_float64, "float32": _core_float32}
 REALS: dict[str, type[np.floating[Any]]] = {"float64": np.float64, "float32": np.float32}
@@ -26,3 +32,62 @@ def core_plant(plant: Plant, Ts: float, real: str) -> tuple[Any, int]:
     arrays = (model.transition, model.old, model.new, model.load, model.disturbance, model.drift, delay, plant.C,
               plant.y_offset)  # fmt: skip
     return CORES[real].Plant(sizes, tuple(np.ascontiguousarray(a) for a in arrays)), int(delay.max())
+
+
+def core_rig(plant: Plant | SteppedPlant, Ts: float, steps: int, what: Hardware) -> tuple[tuple[Any, ...], int]:
+    """The parts of a rig, a plant behind real actuators, and the longest time a command is under way, in periods."""
+    m = plant.inputs
+    opening, closing = (_check.per(name, getattr(what, name), m, "input") for name in ("opening", "closing"))
+    cuts = hardware.segments(plant.input_delay, opening, closing, Ts)
+    process = _check.per("process_noise", what.process_noise, plant.states, "state") * np.sqrt(Ts)
+    timing = (cuts.rise, cuts.fall, np.ascontiguousarray(process) if process.any() else None)
+    faults = hardware.stuck_periods(what.stuck, Ts, m)
+    sizes = (plant.states, m, plant.outputs, plant.disturbances)
+    model: tuple[Any, ...]
+    pieces, length = 1, steps
+    if isinstance(plant, SteppedPlant):
+        model = _callbacks(plant, cuts.edges, Ts)
+    else:
+        course = [plant]
+        if what.drift is not None:
+            length = -(-steps // min(steps, DRIFT_PIECES))
+            pieces = -(-steps // length)
+            course = [hardware.between(plant, what.drift, (i + 0.5) / pieces) for i in range(pieces)]
+        models = [hardware.segment_models(each, cuts.edges) for each in course]
+        stacked = [np.array([item[i] for item in models]) for i in range(4)]
+        outputs = [np.array([each.C for each in course]), np.array([each.y_offset for each in course])]
+        model = tuple(np.ascontiguousarray(a) for a in (*stacked, *outputs))
+    parts = (sizes, cuts.count, pieces, length, timing, faults, model)
+    return parts, int(max(cuts.rise.max(), cuts.fall.max())) // cuts.count + 1
+
+
+def _callbacks(plant: SteppedPlant, edges: Array, Ts: float) -> tuple[Any, Any]:
+    """What the C loop calls for a plant that Python steps; all arguments are memory views."""
+    lengths = np.diff(edges)
+
+    def advance(k: int, x: memoryview, levels: memoryview, w: memoryview, following: memoryview) -> None:
+        state: Array = np.frombuffer(x).copy()
+        u = np.frombuffer(levels).reshape(len(lengths), -1)
+        for i, length in enumerate(lengths):
+            state = plant.advance(k * Ts + edges[i], state, u[i].copy(), np.frombuffer(w).copy(), length)
+        np.frombuffer(following)[:] = state
+
+    def output(x: memoryview, y: memoryview) -> None:
+        np.frombuffer(y)[:] = plant.output(np.frombuffer(x).copy())
+
+    return advance, output
+
+
+def core_sensor(
+    real: str, states: int, measured: int, matrix: Array | None, deviation: Array | None, what: Hardware, Ts: float
+) -> Any:
+    """What stands between the plant's state and the law; None if nothing does."""
+    quantum = _check.per("quantum", what.quantum, measured, "measured state")
+    low, high = hardware.sensor_range(what, measured)
+    lost = what.missing > 0 or what.late > 0 or len(what.outages) > 0
+    limited = quantum.any() or np.isfinite(low).any() or np.isfinite(high).any()
+    if matrix is None and deviation is None and not lost and not limited:
+        return None
+    outages = np.array([[hardware.period(t, Ts) for t in window] for window in what.outages], dtype=np.uint64)
+    arrays = (matrix, deviation, quantum, low, high, outages if len(outages) else None)
+    return CORES[real].Sensor(measured, states, float(what.missing), what.late / Ts, arrays)

@@ -11,10 +11,11 @@ import numpy as np
 
 from foreswitch import baselines, plot
 from foreswitch._check import Array
-from foreswitch.loop import Law, Run
+from foreswitch.loop import Law
 from foreswitch.project import Project, Valve
 from foreswitch.reference import HalfSine, Sine
 from foreswitch.report import Picture, Report, Section, Table, metric_table, number
+from foreswitch.run import Run
 
 __all__ = ["Demo", "hot_gas_file", "run_demo"]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -14,11 +15,14 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from foreswitch import _check
 from foreswitch._check import Array
 from foreswitch._text import nearest
+from foreswitch.baselines import Baseline, Tuned, tune
 from foreswitch.controller import Controller
-from foreswitch.loop import Law, Run, simulate
+from foreswitch.hardware import Hardware, Stuck
+from foreswitch.loop import Law, simulate
 from foreswitch.objective import Endpoint
 from foreswitch.plant import Plant
 from foreswitch.reference import HalfSine, Ramp, Reference, Samples, Sine, Stack, Steps, sample
+from foreswitch.run import Run
 
 __all__ = ["Project"]
 
@@ -197,6 +201,39 @@ class Valve(Table):
         return flow
 
 
+class StuckTable(Table):
+    """[[simulation.hardware.stuck]]"""
+
+    level: float = Key(description="where the actuator stays")
+    start: float = Key(0.0, description="from when [s]")
+    end: float | None = Key(None, description="until when [s]; default the end of the run")
+    input: int = Key(0, description="which input, from 0")
+
+
+class HardwareTable(Table):
+    """[simulation.hardware]"""
+
+    opening: float | Vector = Key(0.0, description="travel time of a rising edge, after the dead time [s]")
+    closing: float | Vector = Key(0.0, description="travel time of a falling edge [s]")
+    quantum: float | Vector = Key(0.0, description="step of the sensor; 0 for none")
+    low: float | Vector | None = Key(None, description="lower end of the sensor's range")
+    high: float | Vector | None = Key(None, description="upper end of the sensor's range")
+    process_noise: float | Vector = Key(0.0, description="deviation gathered by each state in 1 s [x / sqrt(s)]")
+    missing: float = Key(0.0, description="share of samples that are lost")
+    late: float = Key(0.0, description="longest time a sample is under way [s]")
+    outages: list[Vector] = Key([], description="times without any sample, as [start, end] [s]")
+    stuck: list[StuckTable] = Key([], description="actuators that stay at one level for a while")
+    drift: PlantTable | None = Key(None, description="the truth at the end of the run; keys as in [plant]")
+
+    def build(self) -> Hardware:
+        """The hardware."""
+        settings = self.given("opening", "closing", "quantum", "low", "high", "process_noise", "missing", "late")
+        stuck = [Stuck(**fault.given("level", "start", "end", "input")) for fault in self.stuck]
+        drift = self.drift.build("simulation.hardware.drift") if self.drift else None
+        outages: Any = [tuple(window) for window in self.outages]  # Hardware judges them
+        return Hardware(**settings, stuck=stuck, drift=drift, outages=outages)
+
+
 class SimulationTable(Table):
     """[simulation]"""
 
@@ -211,6 +248,7 @@ class SimulationTable(Table):
     )
     load: float | Vector | None = Key(None, description="unmeasured, added to the input(s)")
     plant: PlantTable | None = Key(None, description="the truth, where it differs from the model; keys as in [plant]")
+    hardware: HardwareTable | None = Key(None, description="what real actuators and sensors add; a table")
 
 
 class File(Table):
@@ -252,6 +290,9 @@ class Project:
             raise ValueError(f"[reference] stands {len(parts)} time(s); the plant has {self.plant.outputs} output(s)")
         truth = self.file.simulation.plant
         self.truth = truth.build("simulation.plant") if truth else self.plant
+        hardware = self.file.simulation.hardware
+        self.hardware = hardware.build() if hardware else None
+        self.seed = self.file.simulation.seed
         self.reference: Reference = parts[0] if len(parts) == 1 else Stack(*parts)
         self._courses = self._disturbances(Path(folder))
 
@@ -319,6 +360,63 @@ class Project:
         objective = {name: settings.pop(name) for name in ("Td", "lam", "tail", "weight", "relative_degree")}
         return Controller(objective=Endpoint(**objective), **settings)
 
+    def build_baseline(self, kind: type[Baseline], **parameters: Any) -> Baseline:
+        """A baseline for this project's actuator.
+
+        Parameters
+        ----------
+        kind : type
+            `Relay`, `PIPWM` or `SmithPWM`.
+        **parameters
+            Its own.
+
+        Returns
+        -------
+        Baseline
+        """
+        return kind(self.plant, self.file.actuator.levels, self.controller.Ts, **parameters, **self._shared())
+
+    def tune(self, kind: type[Baseline], *, budget: int = 300, seed: int = 0) -> Tuned:
+        """The best baseline of a kind on this project's task, see `foreswitch.baselines.tune`.
+
+        Parameters
+        ----------
+        kind : type
+            As in `build_baseline`.
+        budget, seed : int
+            Of the search.
+
+        Returns
+        -------
+        Tuned
+        """
+        settings = self._settings(self.reference, self.controller.Ts, {})
+        duration, truth = settings.pop("duration"), settings.pop("plant")
+        return tune(
+            kind, self.plant, self.file.actuator.levels, self.controller.Ts, self.reference, duration, budget=budget,
+            search_seed=seed, preview=float(np.max(self.controller.reference_times)), shared=self._shared(), truth=truth,
+            **settings,
+        )  # fmt: skip
+
+    def _shared(self) -> dict[str, Any]:
+        """What every law of this project has to respect."""
+        return self.file.actuator.given("min_on", "min_off", "safe_level", "forbidden")
+
+    def with_seed(self, seed: int) -> Project:
+        """The same project; where the file names no seed, with this one.
+
+        Parameters
+        ----------
+        seed : int
+
+        Returns
+        -------
+        Project
+        """
+        twin = copy.copy(self)
+        twin.seed = seed if self.seed is None else self.seed
+        return twin
+
     def simulate(
         self, controller: Law | None = None, reference: Callable[..., ArrayLike] | None = None, **changes: Any
     ) -> Run:
@@ -337,19 +435,23 @@ class Project:
         -------
         Run
         """
-        table, reference = self.file.simulation, reference or self.reference
-        settings: dict[str, Any] = table.given("duration", "x0", "noise", "seed", "load")
-        settings["plant"] = self.truth
-        settings |= changes
-        law, duration = controller or self.controller, settings.pop("duration")
+        law, reference = controller or self.controller, reference or self.reference
+        settings = self._settings(reference, law.Ts, changes)
+        return simulate(law, reference, settings.pop("duration"), **settings)
+
+    def _settings(self, reference: Callable[..., ArrayLike], Ts: float, changes: dict[str, Any]) -> dict[str, Any]:
+        """Arguments of `foreswitch.simulate`."""
+        table = self.file.simulation
+        settings: dict[str, Any] = table.given("duration", "x0", "noise", "load")
+        settings |= {"plant": self.truth, "hardware": self.hardware, "seed": self.seed} | changes
         w: Any = table.disturbance
         if isinstance(w, Valve):
             w = w.law(reference, settings["plant"])
         elif self._courses:
-            t = np.arange(_check.periods(_check.number("duration", duration, above=0.0), law.Ts)) * law.Ts
+            t = np.arange(_check.periods(_check.number("duration", settings["duration"], above=0.0), Ts)) * Ts
             w = sample(self._courses, t, self._courses.outputs, 1)[:, :, 0]
         settings.setdefault("disturbance", w)
-        return simulate(law, reference, duration, **settings)
+        return settings
 
 
 def _sentence(error: ValidationError, content: dict[str, Any]) -> str:
@@ -369,7 +471,7 @@ def _sentence(error: ValidationError, content: dict[str, Any]) -> str:
             table = SUBTABLES.get(str(part), table)
         elif isinstance(part, int) and isinstance(value, list):
             value = value[part]
-            table = ReferenceTable if isinstance(value, dict) else table  # all lists of tables hold these
+            table = ReferenceTable if table is Valve else table  # a list of disturbances: each has a course
     key = str(detail["loc"][-1])
     if detail["type"] == "missing":
         return f"[{'.'.join(path)}] has no key {key!r}; add it" if path else f"table [{key}] is missing; add it"
@@ -393,5 +495,8 @@ SUBTABLES: dict[str, type[Table]] = {
     "controller": ControllerTable,
     "reference": ReferenceTable,
     "simulation": SimulationTable,
+    "hardware": HardwareTable,
+    "stuck": StuckTable,
+    "drift": PlantTable,
     "disturbance": Valve,
 }

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from foreswitch import plot
 from foreswitch._files import write_whole
 from foreswitch.controller import Status
-from foreswitch.loop import Run
+from foreswitch.run import Run
 
 __all__ = ["Picture", "Report", "Section", "Table", "run_report"]
 

@@ -245,7 +245,7 @@ MISTAKES = {
     "stack of a number": (lambda: fsw.Stack(3), "Stack holds 3"),
     # baselines
     "baseline of no plant": (lambda: Relay([[0]], [0, 1], 0.1), "plant is a list"),
-    "baseline of two inputs": (lambda: Relay(TWO_BY_TWO, [0, 1], 0.1), r"plant has 2 input\(s\)"),
+    "baseline levels": (lambda: Relay(TWO_BY_TWO, [0, 1], 0.1), r"levels lists 1 input\(s\); the plant has 2"),
     "baseline hysteresis": (lambda: Relay(VALVE, [0, 1], 0.1, hysteresis=-1), "hysteresis is -1"),
     "baseline carrier": (lambda: PIPWM(VALVE, [0, 1], 0.1, kp=1, carrier=0.01), r"carrier is 0\.01"),
     "baseline kp": (lambda: PIPWM(VALVE, [0, 1], 0.1, kp=NAN, carrier=1), "kp is nan"),

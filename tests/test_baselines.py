@@ -1,11 +1,16 @@
 """What people use today: exact limit cycles of relays, pulse widths, and the Smith predictor's own invariance."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import foreswitch as fsw
 from foreswitch.baselines import PIPWM, Relay, SmithPWM, tune
-from systems import OVEN, RISE, VALVE, level_runs
+from foreswitch.project import Project
+from systems import OVEN, RISE, TWO_BY_TWO, VALVE, level_runs
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
 
 GAIN, DEAD_TIME, LEVEL, LAG = 3.0, 0.4, 0.7, 1.1
 INTEGRATOR = fsw.Plant([[0.0]], [[GAIN]], input_delay=DEAD_TIME)
@@ -194,6 +199,114 @@ def test_a_baseline_told_the_reference_ahead_samples_it_there():
     assert run.u[251, 0] == 1
 
 
+@pytest.mark.parametrize("name", LAWS)
+def test_bad_samples_at_the_very_start_leave_no_trace(name):
+    """The Smith predictor's models would otherwise start from them, and never forget."""
+    kind, gains = LAWS[name]
+    law, spared = (kind(FIRST_ORDER, [0.0, 1.0], 0.1, **gains) for _ in range(2))
+    assert [law.step([bad], 2.0)[0] for bad in (np.nan, np.inf, np.nan)] == [0.0] * 3
+    commands = [law.step([y], 2.0)[0] for y in np.linspace(0.0, 3.0, 60)]
+    assert commands == [spared.step([y], 2.0)[0] for y in np.linspace(0.0, 3.0, 60)]
+    assert set(commands) == {0.0, 1.0}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_without_a_sample_at_the_start_the_output_still_arrives(name):
+    kind, gains = LAWS[name]
+    law = kind(FIRST_ORDER, [0.0, 1.0], 0.1, **gains | ({} if kind is Relay else {"ki": 0.3}))
+    run = fsw.simulate(law, 1.5, 60.0, hardware=fsw.Hardware(outages=[(0.0, 0.95)]))
+    assert not run.u[:9].any()
+    assert run.u[10] == 1.0
+    assert run.y[300:].mean() == pytest.approx(1.5, abs=0.3)
+
+
+def test_a_bad_disturbance_does_not_stay_in_the_smith_predictor():
+    plant = FIRST_ORDER.replace(E=[[1.0]])
+    law, spared = (SmithPWM(plant, [0.0, 1.0], 0.1, kp=0.5, carrier=0.7) for _ in range(2))
+    for bad in (np.nan, np.inf, -np.inf):
+        assert law.step([0.5], 1.5, disturbance=[bad]) == spared.step([0.5], 1.5, disturbance=[0.0])
+    for y in np.linspace(0.5, 2.0, 40):
+        assert law.step([y], 1.5, disturbance=[0.3]) == spared.step([y], 1.5, disturbance=[0.3])
+
+
+def test_a_smith_predictor_names_the_unstable_pole_it_refuses():
+    plant = fsw.Plant([[-50.0, 0.0], [0.0, 2.5]], [[1.0], [1.0]], [[1.0, 1.0]])
+    with pytest.raises(ValueError, match=r"unstable pole 2\.5;"):
+        SmithPWM(plant, [0.0, 1.0], 0.1, kp=1.0, carrier=0.1)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_plant_of_negative_gain_is_driven_the_other_way(name):
+    """Its mirror image: the same commands for the mirrored task."""
+    kind, gains = LAWS[name]
+    mirrored = FIRST_ORDER.replace(B=-FIRST_ORDER.B)
+    expected = fsw.simulate(kind(FIRST_ORDER, [0.0, 1.0], 0.1, **gains), fsw.Sine(0.7, 0.05, offset=1.5), 60.0)
+    run = fsw.simulate(kind(mirrored, [0.0, 1.0], 0.1, **gains), fsw.Sine(-0.7, 0.05, offset=-1.5), 60.0)
+    assert np.array_equal(run.u, expected.u)
+    assert np.array_equal(run.y, -expected.y)
+    assert len(level_runs(run.u[:, 0])[0]) > 20
+
+
+# Several inputs -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("band", [0.0, 1.5])
+def test_a_relay_for_each_leg_of_an_inverter_acts_on_the_error_of_its_own_phase(band):
+    """Row by row the pseudo-inverse points where the leg pushes, 120 degrees apart: the usual current controller."""
+    project = Project.read(EXAMPLES / "inverter/project.toml")
+    law = Relay(project.plant, [[0, 1]] * 3, 5e-5, hysteresis=band, preview=1e-4)
+    run = project.simulate(law)
+    wanted = project.reference(run.t[:-1] + 1e-4, 1)[:, :, 0]
+    error = wanted - run.y[:-1]
+    level, clear = np.zeros(3), 0
+    for k in range(len(run.u)):
+        for leg in range(3):
+            angle = 2.0 * np.pi / 3.0 * leg
+            own = error[k, 0] * np.cos(angle) + error[k, 1] * np.sin(angle)
+            if abs(abs(own) - band) < 1e-6:  # B in the file is rounded
+                level[leg] = run.u[k, leg]
+                continue
+            clear += 1
+            level[leg] = 1.0 if own > band else 0.0 if own < -band else level[leg]
+        assert np.array_equal(run.u[k], level), k
+    assert clear > 3590
+    assert (np.count_nonzero(np.diff(run.u, axis=0), axis=0) > 60).all()
+
+
+@pytest.mark.parametrize("kind", [Relay, PIPWM, SmithPWM])
+def test_fill_and_vent_are_never_open_at_once(kind):
+    """Dwell makes the combination tempting: a valve that must stay open while the other one is wanted."""
+    project = Project.read(EXAMPLES / "chamber/project.toml")
+    gains = {} if kind is Relay else {"kp": 0.02, "ki": 0.2, "bias": 0.0, "carrier": 0.01}
+    free = kind(project.plant, [[0, 1], [0, 1]], 1e-3, min_on=0.008, **gains)
+    kept = kind(project.plant, [[0, 1], [0, 1]], 1e-3, min_on=0.008, forbidden=[[1, 1]], **gains)
+    tempted, run = project.simulate(free), project.simulate(kept)
+    assert (tempted.u.sum(axis=1) == 2).any()
+    assert run.u.sum(axis=1).max() == 1
+    for j in range(2):
+        lengths, values = level_runs(run.u[:, j])
+        assert (lengths[1:-1][values[1:-1] == 1.0] >= 8).all()
+        assert (values == 1.0).sum() > 10
+    assert run.metrics()["rms_error"] < 60.0
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_dwell_holds_on_each_of_two_inputs(name):
+    kind, gains = LAWS[name]
+    levels = [[0.0, 1.0], [-0.5, 0.0, 2.0]]
+    gains = gains if kind is Relay else {"kp": 0.6, "ki": 0.8, "carrier": 1.3}
+    law = kind(TWO_BY_TWO, levels, 0.1, min_on=[0.5, 0.3], min_off=[0.2, 0.4], safe_level=[0.0, 0.0], **gains)
+    wave = fsw.Stack(fsw.Sine(0.8, 0.11, offset=0.6), fsw.Sine(0.5, 0.07, offset=0.4, phase=1.0))
+    run = fsw.simulate(law, wave, 150.0, noise=0.05, seed=1)
+    for j, (on, off) in enumerate([(5, 2), (3, 4)]):
+        lengths, values = level_runs(run.u[:, j])
+        assert len(lengths) > 30
+        assert (lengths[1:-1] >= np.where(values[1:-1] == 0.0, off, on)).all()
+
+
+# Tuning ---------------------------------------------------------------------------------------------------------------
+
+
 @pytest.mark.parametrize("kind", [Relay, PIPWM, SmithPWM])
 def test_tuning_is_repeatable_and_beats_a_guess(kind):
     budget = {"budget": 60, "seed": 4}
@@ -202,3 +315,43 @@ def test_tuning_is_repeatable_and_beats_a_guess(kind):
     assert first.rms_error == pytest.approx(first.run.metrics()["rms_error"])
     assert 40 <= first.evaluations <= 80
     assert first.rms_error < 60.0  # kPa on a rise of 1000; leaving the valve shut gives 740
+
+
+def test_every_kind_gets_the_same_number_of_runs():
+    budget = 130
+    task = (OVEN, [0.0, 1.0], 2.0, fsw.Steps([0.0, 400.0], [30.0, 60.0]), 800.0)
+    counts = [tune(kind, *task, budget=budget).evaluations for kind in (Relay, PIPWM, SmithPWM)]
+    assert counts == pytest.approx([budget] * 3, rel=0.1)
+
+
+@pytest.mark.parametrize("kind", [Relay, PIPWM, SmithPWM])
+@pytest.mark.parametrize("search_seed", [0, 1])
+def test_tuning_is_never_worse_than_where_it_starts(kind, search_seed):
+    """Here nothing beats u = yd / gain at once, which the default gain of one over one nearly is."""
+    plant = fsw.Plant([[-0.2]], [[0.2]])
+    gains = {} if kind is Relay else {"kp": 1.0, "carrier": 0.2}
+    first = fsw.simulate(kind(plant, [0.0, 1.0], 0.1, **gains), 0.5, 30.0)
+    best = tune(kind, plant, [0.0, 1.0], 0.1, 0.5, 30.0, budget=65, search_seed=search_seed)
+    assert best.rms_error <= first.metrics()["rms_error"] * 1.1  # what was out of the search's box was brought into it
+
+
+def test_tuning_is_judged_against_the_truth():
+    truth = OVEN.replace(B=0.7 * OVEN.B, input_delay=30.0)
+    task = (OVEN, [0.0, 1.0], 2.0, 50.0, 800.0)
+    best = tune(PIPWM, *task, budget=65, truth=truth)
+    again = fsw.simulate(best.law, 50.0, 800.0, plant=truth)
+    assert best.law.plant is OVEN
+    assert best.run.plant is truth
+    assert np.array_equal(again.y, best.run.y)
+    assert best.rms_error == pytest.approx(again.metrics()["rms_error"])
+    assert best.rms_error != tune(PIPWM, *task, budget=65).rms_error
+    assert {name: getattr(best.law, name) for name in best.parameters} == best.parameters
+
+
+def test_a_known_reference_may_be_used_ahead():
+    task = (VALVE, [0.0, 1.0], 1e-3, RISE, 0.6)
+    told, late = (tune(Relay, *task, budget=100, preview=preview) for preview in (0.02, 0.0))
+    assert 0.0 <= told.parameters["preview"] <= 0.02
+    assert told.law.reference_times == pytest.approx([told.parameters["preview"]])
+    assert "preview" not in late.parameters
+    assert np.array_equal(fsw.simulate(told.law, RISE, 0.6).u, told.run.u)

@@ -127,7 +127,7 @@ def test_bad_usage_is_exit_code_2_and_one_line(run, project, tmp_path, arguments
     assert {path.name for path in tmp_path.iterdir()} == {"valve", "broken.toml"}
 
 
-@pytest.mark.parametrize("verb", ["demo", "init", "simulate"])
+@pytest.mark.parametrize("verb", ["demo", "init", "simulate", "compare"])
 def test_every_verb_has_help_with_an_example(run, verb):
     code, out, _ = run(verb, "--help")
     assert code == 0
@@ -138,7 +138,7 @@ def test_nothing_is_left_when_writing_fails_midway(run, project, tmp_path, monke
     def fail(*_):
         raise OSError(28, "No space left on device", "run.csv")
 
-    monkeypatch.setattr("foreswitch.loop.write_whole", fail)
+    monkeypatch.setattr("foreswitch.run.write_whole", fail)
     code, _, err = run("simulate", project, "--out", "out")
     assert code == 2
     assert "No space left" in err

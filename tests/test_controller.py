@@ -349,3 +349,15 @@ def test_an_unreachable_reference_is_no_error():
     run = fsw.simulate(quiet(fsw.Controller, OVEN, [0.0, 1.0], 1.0, fsw.Endpoint(30.0, 1.0)), 500.0, 2000.0)
     assert run.u.all()
     assert run.y[-1, 0] == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(("real", "far"), [("float64", 1e160), ("float32", 1e20)])
+def test_costs_that_overflow_hold_the_command_and_say_so(real, far):
+    plant = fsw.Plant.integrator_lag(16500.0, 0.006, 0.005)
+    controller = fsw.Controller(plant, [0, 1], 1e-3, fsw.Endpoint(0.02, 2500.0), real=real)
+    assert controller.step([0.0, 0.0], 100.0) == 1.0
+    assert controller.decide([-far, 0.0], 0.0).status == fsw.Status.HELD
+    assert controller.step([-far, 0.0], 0.0) == 1.0
+    assert controller.status == fsw.Status.HELD
+    controller.step([0.0, 0.0], 100.0)
+    assert controller.status == fsw.Status.OK

@@ -17,7 +17,7 @@ NAMES = sorted(folder.parent.name for folder in EXAMPLES.glob("*/project.toml"))
 NUMBER = re.compile(r"-?\d+(?:\.(\d+))?")
 
 # Machines differ in the last bit, and a limit cycle makes much of it: how far a figure may be from the README's.
-SPREAD = {"attitude": 0.3, "chamber": 0.1, "hot_gas": 0.01, "inverter": 0.1, "oven": 0.1}
+SPREAD = {"attitude": 0.5, "chamber": 0.1, "hot_gas": 0.01, "inverter": 0.1, "oven": 0.1}
 
 # What the project as it stands must do: largest rms error of an output and switches of all inputs between these.
 BOUNDS = {

@@ -1,5 +1,6 @@
 """The closed loop: an exact plant, honest noise, and figures of merit that can be checked by hand."""
 
+import json
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 import foreswitch as fsw
 from foreswitch.baselines import Relay
+from rig_oracle import reading
 from systems import MASS, OVEN, RISE, TWO_BY_TWO, VALVE, exact_state, valve_controller
 
 WAVE = fsw.Stack(fsw.Sine(0.8, 0.11, offset=0.6), fsw.Sine(0.5, 0.07, offset=0.4, phase=1.0))
@@ -163,10 +165,13 @@ def test_a_disturbance_the_model_lacks_acts_on_the_truth_alone():
 def test_the_controller_measures_state_plus_seeded_noise():
     deviation = np.array([3.0, 40.0])
     run = fsw.simulate(valve_controller(), RISE, 0.2, noise=deviation, seed=7)
-    added = np.random.default_rng(7).standard_normal((200, 2)) * deviation
-    controller = valve_controller()
+    controller, other = valve_controller(), valve_controller()
+    differing = 0
     for k in range(200):
-        assert controller.step(run.x[k] + added[k], RISE(run.t[k])[..., :2]) == run.u[k]
+        reference = RISE(run.t[k])[..., :2]
+        assert controller.step(reading(run.x[k], k, 7, deviation=deviation), reference) == run.u[k]
+        differing += other.step(reading(run.x[k], k, 8, deviation=deviation), reference) != run.u[k]
+    assert differing > 5  # noise of another seed would be noticed
 
 
 def test_the_same_seed_gives_the_same_run():
@@ -207,8 +212,8 @@ def test_a_given_sensor_replaces_the_guess():
 def made_up_run(y, r, u, *, Ts=0.5, safe=0.0):
     """A run of one input and one output from its columns."""
     y, r, u = (np.array(column, dtype=float).reshape(-1, 1) for column in (y, r, u))
-    nothing = np.zeros(len(u))
-    return fsw.Run(Ts * np.arange(len(y)), y, y, u, r, nothing, nothing, nothing, OVEN, np.array([safe]))
+    nothing, w = np.zeros(len(u)), np.zeros((len(u), 0))
+    return fsw.Run(Ts * np.arange(len(y)), y, y, u, r, w, nothing, nothing, nothing, OVEN, np.array([safe]))
 
 
 def test_metrics_by_hand():
@@ -265,7 +270,7 @@ def test_the_arrays_of_a_run():
     assert run.cost[:1] == pytest.approx(costs)
 
 
-@pytest.mark.parametrize(("duration", "steps"), [(1.0, 10), (0.95, 10), (0.3, 3), (1.1, 11), (0.01, 1)])
+@pytest.mark.parametrize(("duration", "steps"), [(1.0, 10), (0.95, 10), (0.3, 3), (0.7, 7), (0.01, 1)])
 def test_the_duration_is_rounded_up_to_whole_periods(duration, steps):
     controller = fsw.Controller(MASS, [-1, 0, 1], 0.1, fsw.Endpoint(0.5, 3.0))
     assert len(fsw.simulate(controller, 1.0, duration).u) == steps
@@ -283,6 +288,81 @@ def test_csv_and_frame_hold_the_run(tmp_path):
     assert np.array_equal(frame["air"], np.append(run.u[:, 1], run.u[-1, 1]))
     assert np.array_equal(frame[["x1", "x2", "x3"]], run.x)
     assert [file.name for file in tmp_path.iterdir()] == ["run.csv"]
+
+
+def test_every_column_has_a_name_of_its_own(tmp_path):
+    """Even where the plant's names repeat each other, or hold what a CSV file has other uses for."""
+    controller, truth = two_by_two(output_names=["cost", 'a "p", b'], input_names=["x1", "x1 (2)"])
+    run = fsw.simulate(controller, WAVE, 0.5, plant=truth, disturbance=lambda t, x: [t])
+    columns = run.columns()
+    assert list(columns) == [
+        "t [s]", "reference cost", "cost", 'reference a "p", b', 'a "p", b', "x1", "x1 (2)", "x1 (3)", "x2", "x3", "w1",
+        "cost (2)", "status",
+    ]  # fmt: skip
+    assert np.array_equal(columns["x1"][:-1], run.u[:, 0])
+    assert np.array_equal(columns["x1 (3)"], run.x[:, 0])
+    assert columns["w1"] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.4])
+    run.to_csv(tmp_path / "run.csv")
+    assert list(pd.read_csv(tmp_path / "run.csv")) == list(columns)
+
+
+def test_a_run_remembers_the_measured_disturbance():
+    controller, truth = two_by_two()
+    w = np.linspace(-1.0, 1.0, 20)
+    assert np.array_equal(fsw.simulate(controller, WAVE, 2.0, plant=truth, disturbance=w).w, w[:, None])
+    computed = fsw.simulate(controller, WAVE, 2.0, plant=truth, disturbance=lambda t, x: [x[0]])
+    assert np.array_equal(computed.w, computed.x[:-1, :1])
+    assert not fsw.simulate(controller, WAVE, 2.0, plant=truth).w.any()
+    assert fsw.simulate(valve_controller(), RISE, 0.1).w.shape == (100, 0)
+
+
+def test_parquet_holds_the_run_to_the_last_bit(tmp_path):
+    controller, truth = two_by_two(output_names=["p, inlet [kPa]", "T [K]"], input_names=["fuel", "air"])
+    run = fsw.simulate(controller, WAVE, 2.0, plant=truth, disturbance=0.3, noise=0.05, seed=1)
+    run.to_parquet(tmp_path / "run.parquet")
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "run.parquet"), run.to_frame(), check_exact=True)
+    assert [file.name for file in tmp_path.iterdir()] == ["run.parquet"]
+
+
+def test_json_holds_the_figures(tmp_path):
+    controller, truth = two_by_two()
+    for run in (fsw.simulate(controller, WAVE, 2.0, plant=truth), fsw.simulate(valve_controller(), RISE, 0.1)):
+        run.to_json(tmp_path / "run.json")
+        read = json.loads((tmp_path / "run.json").read_text())
+        metrics = run.metrics()
+        assert set(read) == set(metrics)
+        for name, value in metrics.items():
+            assert np.array_equal(read[name], value), name
+    assert [file.name for file in tmp_path.iterdir()] == ["run.json"]
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet", "json"])
+def test_a_file_is_written_whole_or_not_at_all(tmp_path, monkeypatch, kind):
+    run = made_up_run([0, 1], [0, 1], [0])
+    target = tmp_path / f"run.{kind}"
+    target.write_text("as it was")
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", fail)
+    with pytest.raises(OSError, match="No space left"):
+        getattr(run, f"to_{kind}")(target)
+    assert [file.name for file in tmp_path.iterdir()] == [target.name]
+    assert target.read_text() == "as it was"
+
+
+def test_the_repr_of_a_run_is_a_short_tree():
+    run = fsw.simulate(valve_controller(), RISE, 0.6)
+    assert repr(run).splitlines() == [
+        "Run",
+        "├─ time      600 periods of 0.001 s",
+        "├─ output    y, rms error 23.1",
+        "├─ input     u, 122 switches",
+        "└─ status    OK throughout",
+    ]
+    lost = fsw.simulate(valve_controller(), RISE, 0.6, hardware=fsw.Hardware(outages=[(0.1, 0.107)]))
+    assert repr(lost).splitlines()[-1] == "└─ status    7 periods not OK"
 
 
 def test_a_csv_that_cannot_be_written_leaves_nothing_behind(tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import foreswitch as fsw
-from foreswitch.project import Project
+from foreswitch.project import HardwareTable, Project
 
 HOT_GAS = Path(__file__).parents[1] / "examples/hot_gas/project.toml"
 
@@ -87,6 +87,26 @@ def test_every_optional_key_in_the_commented_file_is_accepted():
         ("simulation.disturbance", [{"kind": "constant", "value": 1.0}] * 2, "[simulation.disturbance] stands 2 time"),
         ("reference", [{"kind": "ramp", "slope": 1.0}, {"kind": "ramp", "slope": "b"}], "reference.slope is 'b'"),
         ("simulation.plant", {"model": "fopdt", "K": 1.0}, "[simulation.plant] has no key 'T'"),
+        ("simulation.hardware", 3, "simulation.hardware is 3; it holds: what real actuators and sensors add"),
+        (
+            "simulation.hardware",
+            {"openning": 1},
+            "[simulation.hardware] has an unknown key 'openning'; did you mean 'op",
+        ),
+        ("simulation.hardware", {"missing": "a"}, "simulation.hardware.missing is 'a'; it holds: share of samples"),
+        ("simulation.hardware", {"missing": 1.5}, "missing is 1.5; it must lie between 0 and 1"),
+        ("simulation.hardware", {"opening": -1.0}, "opening is -1.0; it must be at least 0"),
+        ("simulation.hardware", {"low": 5.0, "high": 1.0}, "low is 5.0 and high 1.0; low must be smaller"),
+        ("simulation.hardware", {"outages": [[2.0, 1.0]]}, "outages holds (2.0, 1.0); give (start, end) pairs"),
+        ("simulation.hardware", {"outages": [1.0, 2.0]}, "simulation.hardware.outages is [1.0, 2.0]; it holds: times"),
+        ("simulation.hardware", {"stuck": 1.0}, "simulation.hardware.stuck is 1.0; it holds: actuators that stay"),
+        ("simulation.hardware", {"stuck": [{"start": 1.0}]}, "[simulation.hardware.stuck] has no key 'level'"),
+        ("simulation.hardware", {"stuck": [{"inptu": 1}]}, "unknown key 'inptu'; did you mean 'input'?"),
+        ("simulation.hardware", {"stuck": [{"level": "x"}]}, "stuck.level is 'x'; it holds: where the actuator stays"),
+        ("simulation.hardware", {"stuck": [{"level": 1.0, "input": -1}]}, "input is -1; give 0 for the first"),
+        ("simulation.hardware", {"stuck": [{"level": 1.0, "start": 2.0, "end": 1.0}]}, "end is 1; it must be later"),
+        ("simulation.hardware", {"drift": {"model": "fopdt", "K": 1.0}}, "[simulation.hardware.drift] has no key 'T'"),
+        ("simulation.hardware", {"drift": {"kk": 1.0}}, "[simulation.hardware.drift] has an unknown key 'kk'; did you"),
     ],
 )
 def test_a_mistake_is_one_sentence_that_names_it(content, path, value, words):
@@ -155,3 +175,48 @@ def test_a_reference_file_is_found_beside_the_project(content, tmp_path):
         changed(content, "reference", {"kind": "samples", "file": "r.csv", "between": "linear"}), tmp_path
     )
     np.testing.assert_allclose(project.reference([0.25], 2)[0, 0], [50.0, 200.0])
+
+
+# [simulation.hardware] ------------------------------------------------------------------------------------------------
+
+DRIFTED = {"model": "integrator_lag", "k": 9000.0, "c": 0.006, "input_delay": 0.005, "E": [[-1.0], [0.0]]}
+
+# Every key, and what the constructor makes of the same.
+HARDWARE = {
+    "opening": (0.0023, fsw.Hardware(opening=0.0023)),
+    "closing": (0.0031, fsw.Hardware(closing=0.0031)),
+    "quantum": ([7.0, 0.0], fsw.Hardware(quantum=[7.0, 0.0])),
+    "low": ([300.0, -1e6], fsw.Hardware(low=[300.0, -1e6])),
+    "high": (700.0, fsw.Hardware(high=700.0)),
+    "process_noise": ([20.0, 0.0], fsw.Hardware(process_noise=[20.0, 0.0])),
+    "missing": (0.4, fsw.Hardware(missing=0.4)),
+    "late": (0.004, fsw.Hardware(late=0.004)),
+    "outages": ([[0.1, 0.15], [0.3, 0.34]], fsw.Hardware(outages=[(0.1, 0.15), (0.3, 0.34)])),
+    "stuck": (
+        [{"level": 0.5, "start": 0.2, "end": 0.3}, {"level": 1.0, "start": 0.5}],
+        fsw.Hardware(stuck=[fsw.Stuck(0.5, 0.2, 0.3), fsw.Stuck(1.0, 0.5)]),
+    ),
+    "drift": (DRIFTED, fsw.Hardware(drift=fsw.Plant.integrator_lag(9000.0, 0.006, 0.005, E=[[-1.0], [0.0]]))),
+}
+
+
+def test_every_key_of_the_hardware_has_its_case():
+    assert set(HARDWARE) == set(HardwareTable.model_fields)
+
+
+@pytest.mark.parametrize("key", HARDWARE)
+def test_a_key_of_the_hardware_does_what_the_constructor_does(content, key):
+    """Under a load that the model does not know: else it would bridge lost samples without a trace."""
+    value, hardware = HARDWARE[key]
+    content = changed(changed(content, "simulation.seed", 3), "simulation.load", 0.05)
+    plain = Project(content)
+    run = Project(changed(content, "simulation.hardware", {key: value})).simulate()
+    expected = fsw.simulate(plain.controller, plain.reference, 0.6, load=0.05, seed=3, hardware=hardware)
+    np.testing.assert_array_equal(run.x, expected.x)
+    assert not np.array_equal(run.x, plain.simulate().x)
+
+
+def test_a_fault_of_an_input_that_is_not_there_is_named_when_it_runs(content):
+    project = Project(changed(content, "simulation.hardware", {"stuck": [{"level": 1.0, "input": 1}]}))
+    with pytest.raises(ValueError, match="stuck names input 1; give 0 to 0"):
+        project.simulate()

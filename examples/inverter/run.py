@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from foreswitch import plot
-from foreswitch.prediction import period_model
+from foreswitch import baselines, plot
 from foreswitch.project import Project
 
 here = Path(__file__).parent
@@ -53,20 +52,10 @@ def faster(Ts, price):
 
 def relay(band, Ts, late):
     """No model: each leg up while its phase current is more than the band too small, down while it is too large."""
-    step = period_model(load.replace(input_delay=late * Ts), Ts)
-    fade, push = float(step.transition[0, 0]), ((step.old + step.new) @ [1.0, 1.0j]).tolist()
-    t = np.arange(round(0.02 * (CYCLES + 1) / Ts) + 1) * Ts
-    wanted = rotating(AMPERE, t + late * inverter.lag[0]).tolist()
-    kicks = (rotating(EMF, t) * step.disturbance[0, 0] + step.drift @ [1.0, 1.0j]).tolist()
-    current, levels, level = [0j], [(0, 0, 0)] * late, (0, 0, 0)
-    for k in range(t.size - 1):
-        error = wanted[k] - current[k]
-        own = [error.real * phase.real + error.imag * phase.imag for phase in PHASES.tolist()]
-        level = tuple(1 if e > band else 0 if e < -band else was for e, was in zip(own, level, strict=True))
-        levels.append(level)
-        moved = sum(effect for effect, up in zip(push, levels[k], strict=True) if up)
-        current.append(fade * current[k] + moved + kicks[k])
-    return t, np.array(current), np.array(levels[late:], dtype=float)
+    truth = load.replace(input_delay=late * Ts)
+    law = baselines.Relay(load, [[0, 1]] * 3, Ts, hysteresis=band, preview=late * inverter.lag[0])
+    run = project.simulate(law, plant=truth, duration=0.02 * (CYCLES + 1))
+    return run.t, run.y @ [1.0, 1.0j], run.u
 
 
 def carrier(frequency):

@@ -87,10 +87,10 @@ def test_a_run_that_wants_to_end_ends_as_soon_as_it_may(min_on, min_off):
 
 @pytest.mark.parametrize(
     ("seconds", "Ts", "periods"),
-    [(0.3, 0.1, 3), (0.7, 0.1, 7), (0.6, 0.2, 3), (0.30001, 0.1, 4), (0.29999, 0.1, 3), (0.05, 0.1, 1), (0, 0.1, 1)],
+    [(0.3, 0.1, 3), (1.1, 0.1, 11), (0.6, 0.2, 3), (0.30001, 0.1, 4), (0.29999, 0.1, 3), (0.05, 0.1, 1), (0, 0.1, 1)],
 )
 def test_durations_round_up_to_whole_periods(seconds, Ts, periods):
-    """0.3 / 0.1 = 2.9999... and 0.7 / 0.1 = 6.9999... are 3 and 7."""
+    """0.3 / 0.1 = 2.9999... and 1.1 / 0.1 = 11.0000...2 are 3 and 11."""
     off, on = lengths_when_always_wanting_the_other(restless(Ts=Ts, min_on=seconds))
     assert set(on) == {periods}
     assert set(off) == {1}

@@ -270,7 +270,7 @@ def test_the_arrays_of_a_run():
     assert run.cost[:1] == pytest.approx(costs)
 
 
-@pytest.mark.parametrize(("duration", "steps"), [(1.0, 10), (0.95, 10), (0.3, 3), (0.7, 7), (0.01, 1)])
+@pytest.mark.parametrize(("duration", "steps"), [(1.0, 10), (0.95, 10), (0.3, 3), (1.1, 11), (0.01, 1)])
 def test_the_duration_is_rounded_up_to_whole_periods(duration, steps):
     controller = fsw.Controller(MASS, [-1, 0, 1], 0.1, fsw.Endpoint(0.5, 3.0))
     assert len(fsw.simulate(controller, 1.0, duration).u) == steps

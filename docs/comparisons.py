@@ -10,8 +10,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from matplotlib import ticker
 
-from foreswitch import plot
+from foreswitch import plot, report
 from foreswitch.compare import Comparison, compare, on_share, switching_rate, total_rms
 from foreswitch.project import Project
 
@@ -55,8 +56,8 @@ def picture(comparison: Comparison, path: Path) -> None:
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter("{x:g}")
-        low, high = axis.get_view_interval()
-        axis.set_minor_formatter("{x:g}" if high < 20.0 * low else "")
+        axis.set_minor_locator(ticker.LogLocator(subs=(2.0, 5.0)))
+        axis.set_minor_formatter("{x:g}")
     axes.tick_params(which="minor", labelsize=7)
     axes.set_xlabel("switches per second", fontsize=9)
     axes.set_ylabel("rms error, " + ", ".join(comparison.runs["predictive"].plant.output_names), fontsize=9)
@@ -93,7 +94,7 @@ def collect(running: Running, folder: Path) -> tuple[dict[str, dict[str, list[li
         content = json.loads((folder / f"{name}.json").read_text())
         tables[name] = {key: content[key] for key in ("heads", "rows")}
         for law, figures in content["figures"].items():
-            values |= {f"{name}_{SHORT[law]}_{what}": f"{value:.3g}" for what, value in figures.items()}
+            values |= {f"{name}_{SHORT[law]}_{what}": report.number(value) for what, value in figures.items()}
     return tables, values
 
 

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 import foreswitch as fsw
 from foreswitch import plot
 from foreswitch.prediction import transition
+from foreswitch.report import number
 
 # The paper's plant and settings.
 SLOPE, LAG, DELAY, TS, TD, LAM = 16500.0, 0.006, 0.005, 1e-3, 0.020, 2500.0
@@ -335,7 +336,7 @@ def fault_rows() -> list[list[str]]:
         run = fsw.simulate(law, RISE, 0.6, hardware=hardware, seed=1)
         counts = [(status.name, int((run.status == status).sum())) for status in fsw.Status]
         seen = ", ".join(f"{name} {count}" for name, count in counts if count)
-        rows.append([fault, seen, f"{run.metrics()['rms_error']:.3g}", remedy])
+        rows.append([fault, seen, number(run.metrics()["rms_error"]), remedy])
     return rows
 
 

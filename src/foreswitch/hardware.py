@@ -69,8 +69,9 @@ class Hardware:
     missing : float
         Share of samples that are lost, 0 to 1.
     late : float
-        Longest time a sample is under way [s], each one's own between 0 and this. The controller is given the newest
-        sample that came in during the last period, and NaN if there was none.
+        Longest time a sample is under way [s], each one's own between 0 and this, rounded up to whole periods: a sample
+        that misses its decision waits for the next. The controller is given the newest sample that came in during the
+        last period, and NaN if there was none, as before the first has come.
     outages : sequence of (start, end)
         Times without any sample [s].
     """

@@ -12,7 +12,7 @@ import numpy as np
 from foreswitch import baselines, plot
 from foreswitch.loop import Law
 from foreswitch.project import Project
-from foreswitch.report import Picture, Report, Section, Table, metric_table, number
+from foreswitch.report import Picture, Report, Section, Table, metric_table, number, tuning_table
 from foreswitch.run import Run
 
 __all__ = ["Comparison", "compare"]
@@ -77,10 +77,6 @@ class Comparison:
         -------
         Report
         """
-        parameters = [
-            [law, ", ".join(f"{key} {number(value)}" for key, value in best.parameters.items()), str(best.evaluations)]
-            for law, best in self.tuned.items()
-        ]
         caption = (
             "The baselines' parameters: differential evolution on logarithmic scales, the same budget of closed-loop "
             "runs each, smallest rms error on this very task. The predictive laws are not tuned."
@@ -96,7 +92,7 @@ class Comparison:
                     "that preview as helps them.",
                     *notes,
                 ],
-                [self.table(), Table(["", "best parameters found", "runs"], parameters, caption)],
+                [self.table(), tuning_table(self.tuned, caption)],
                 [
                     Picture(
                         "compare", self.figure(), "rms error against switching rate; large markers: as in the table."

@@ -14,7 +14,7 @@ from foreswitch._check import Array
 from foreswitch.loop import Law
 from foreswitch.project import Project, Valve
 from foreswitch.reference import HalfSine, Sine
-from foreswitch.report import Picture, Report, Section, Table, metric_table, number
+from foreswitch.report import Picture, Report, Section, Table, metric_table, number, tuning_table
 from foreswitch.run import Run
 
 __all__ = ["Demo", "hot_gas_file", "run_demo"]
@@ -243,12 +243,8 @@ def _comparison_section(runs: dict[str, Run], tuned: dict[str, baselines.Tuned],
         axes.set_title(f"{name}: rms {number(run.metrics()['rms_error'])} kPa", fontsize=8, loc="left")
         axes.set_ylabel("error [kPa]", fontsize=8)
     figure.axes[-1].set_xlabel("time [ms]", fontsize=9)
-    parameters = Table(
-        ["", "best parameters found", "runs"],
-        [
-            [name, ", ".join(f"{key} {number(value)}" for key, value in best.parameters.items()), str(best.evaluations)]
-            for name, best in tuned.items()
-        ],
+    parameters = tuning_table(
+        tuned,
         "The search: differential evolution on logarithmic scales over all parameters, the same budget of closed-loop "
         "runs each, smallest rms error on the half sinusoid above.",
     )

@@ -17,10 +17,11 @@ from matplotlib.figure import Figure
 
 from foreswitch import plot
 from foreswitch._files import write_whole
+from foreswitch.baselines import Tuned
 from foreswitch.controller import Status
 from foreswitch.run import Run
 
-__all__ = ["Picture", "Report", "Section", "Table", "run_report"]
+__all__ = ["Picture", "Report", "Section", "Table", "run_report", "tuning_table"]
 
 
 @dataclass(frozen=True)
@@ -117,6 +118,15 @@ def metric_table(runs: dict[str, Run], unit: str = "") -> Table:
         ]
         rows.append([name, *(", ".join(cell) for cell in cells)])
     return Table(heads, rows)
+
+
+def tuning_table(tuned: dict[str, Tuned], caption: str) -> Table:
+    """What a search found for each baseline, and how many runs it took."""
+    rows = [
+        [name, ", ".join(f"{key} {number(value)}" for key, value in best.parameters.items()), str(best.evaluations)]
+        for name, best in tuned.items()
+    ]
+    return Table(["", "best parameters found", "runs"], rows, caption)
 
 
 def status_table(run: Run) -> Table:

@@ -23,6 +23,8 @@ int main(void)
                                .reference = reference,
                                .x = x,
                                .y = y,
+                               .seen = x,
+                               .seen_width = STATES,
                                .u = u + HISTORY,
                                .cost = cost,
                                .nodes = nodes,

@@ -18,11 +18,11 @@ from table import Row
 STEPS = 1000  # as in count.c
 
 C_TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "d": "double", "f": "float"}
-SIZES = "states inputs outputs disturbances order rows candidates bad_limit"
+SIZES = "states inputs outputs disturbances order rows candidates bad_limit measured loads gate_limit"
 #: In the order of the binding.
 ARRAYS = """level_count pending holds exact_levels levels candidate safe state_row disturbance_row offset reference_row
 half_weight pending_table hold_row total_row rest_reference rest_disturbance rest_offset dwell switch_cost model_x
-model_old model_new model_w model_c"""
+model_old model_new model_w model_c gain output_row output_offset start_row start_offset gate"""
 
 
 def structure(kind: str, name: str, sizes: Mapping[str, int], arrays: Mapping[str, Any], absent: str = "") -> str:

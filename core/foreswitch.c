@@ -40,9 +40,13 @@ static int indices_valid(const fsw_design *d, const uint8_t *command, uint32_t c
 static fsw_validity check(const fsw_design *d)
 {
     if (d->states > FSW_MAX_STATES || d->inputs > FSW_MAX_INPUTS || d->outputs > FSW_MAX_OUTPUTS ||
-        d->disturbances > FSW_MAX_DISTURBANCES || (uint32_t)d->rows * d->inputs > FSW_MAX_LINE)
+        d->disturbances > FSW_MAX_DISTURBANCES || (uint32_t)d->rows * d->inputs > FSW_MAX_LINE ||
+        (d->gain && d->measured > FSW_MAX_OUTPUTS))
         return FSW_TOO_LARGE;
     if (d->states == 0 || d->inputs == 0 || d->outputs == 0 || d->order == 0 || d->candidates == 0)
+        return FSW_INCONSISTENT;
+    if (d->gain ? d->measured == 0 || d->loads > d->disturbances || d->gate_limit > UINT8_MAX
+                : d->measured != d->states || d->loads > 0)
         return FSW_INCONSISTENT;
     uint32_t level = 0;
     for (uint16_t j = 0; j < d->inputs; j++) {
@@ -66,6 +70,7 @@ fsw_validity fsw_init(const fsw_design *d, fsw_state *s)
     s->head = 0;
     s->bad = 0;
     s->primed = 0;
+    s->outliers = 0;
     return FSW_VALID;
 }
 
@@ -120,6 +125,20 @@ static void coast(const fsw_design *d, const fsw_state *s, fsw_real *x)
     }
 }
 
+/* Use `state`, and what is usable of the rest. */
+static fsw_status settle(const fsw_design *d, const fsw_state *s, fsw_status status, const fsw_real *state,
+                         const fsw_real *reference, const fsw_real *disturbance, fsw_real *x, fsw_real *w)
+{
+    const natural p = (natural)(d->disturbances - d->loads);
+    const int told = usable(disturbance, p);
+    take(x, state, d->states);
+    take(w, told ? disturbance : s->w, p);
+    if (status == FSW_OK && !told) status = FSW_COASTING;
+    if (!usable(reference, (natural)d->outputs * d->order)) status = FSW_HELD;
+    if (status != FSW_OK && d->bad_limit > 0 && (uint32_t)s->bad + 1 >= d->bad_limit) status = FSW_SAFE;
+    return status;
+}
+
 /* As observe, where something is not usable. */
 static fsw_status replace(const fsw_design *d, const fsw_state *s, const fsw_real *measured, const fsw_real *reference,
                           const fsw_real *disturbance, fsw_real *x, fsw_real *w)
@@ -134,23 +153,82 @@ static fsw_status replace(const fsw_design *d, const fsw_state *s, const fsw_rea
             status = FSW_HELD;
         }
     }
-    take(x, measured, d->states);
-    take(w, usable(disturbance, d->disturbances) ? disturbance : s->w, d->disturbances);
-    if (!usable(reference, (natural)d->outputs * d->order)) status = FSW_HELD;
-    if (d->bad_limit > 0 && (uint32_t)s->bad + 1 >= d->bad_limit) status = FSW_SAFE;
-    return status;
+    return settle(d, s, status, measured, reference, disturbance, x, w);
+}
+
+/* Move the expected [x; load] by what it misses of a usable y; 0 if y is an outlier or leads beyond all numbers. */
+static int correct(const fsw_design *d, const fsw_real *y, const fsw_real *expected, fsw_real *corrected,
+                   uint8_t *outliers)
+{
+    const natural n = d->states, z = d->measured, size = n + d->loads;
+    fsw_real missed[FSW_MAX_OUTPUTS], distance = 0;
+    for (natural o = 0; o < z; o++) missed[o] = y[o] - product(d->output_offset[o], d->output_row + o * n, expected, n);
+    if (d->gate) {
+        for (natural o = 0; o < z; o++) distance += missed[o] * product(0, d->gate + o * z, missed, z);
+        if (distance <= 1) { /* not so if it is NaN */
+            *outliers = 0;
+        } else if (*outliers < d->gate_limit) {
+            ++*outliers;
+            return 0;
+        }
+    }
+    for (natural i = 0; i < size; i++) corrected[i] = product(expected[i], d->gain + i * z, missed, z);
+    return usable(corrected, size);
+}
+
+/* As observe, from outputs. An expectation beyond all numbers is as good as none: the next y starts anew. */
+static fsw_status estimate(const fsw_design *d, const fsw_state *s, const fsw_real *y, const fsw_real *reference,
+                           const fsw_real *disturbance, fsw_real *x, fsw_real *w, uint8_t *outliers)
+{
+    const natural n = d->states, z = d->measured, loads = d->loads, p = d->disturbances - loads;
+    fsw_real expected[FSW_MAX_STATES + FSW_MAX_DISTURBANCES], corrected[FSW_MAX_STATES + FSW_MAX_DISTURBANCES];
+    const fsw_real *best = expected;
+    fsw_status status = FSW_COASTING;
+    coast(d, s, expected);
+    take(expected + n, s->w + p, loads);
+    int known = s->primed && usable(expected, n);
+    if (usable(y, z)) {
+        if (!known) {
+            for (natural i = 0; i < n; i++) expected[i] = product(d->start_offset[i], d->start_row + i * z, y, z);
+            for (natural i = 0; i < loads; i++) expected[n + i] = 0;
+            known = usable(expected, n);
+            *outliers = 0;
+            status = FSW_OK;
+        } else if (correct(d, y, expected, corrected, outliers)) {
+            best = corrected;
+            status = FSW_OK;
+        }
+    }
+    if (!known) {
+        take(expected, s->x, n);
+        status = FSW_HELD;
+    }
+    take(w + p, best + n, loads);
+    return settle(d, s, status, best, reference, disturbance, x, w);
 }
 
 /* Fill x and w, which may be s->x and s->w, with what the prediction shall start from. */
 INLINE fsw_status observe(const fsw_design *d, const fsw_state *s, natural q, const fsw_real *measured,
-                          const fsw_real *reference, const fsw_real *disturbance, fsw_real *x, fsw_real *w)
+                          const fsw_real *reference, const fsw_real *disturbance, fsw_real *x, fsw_real *w,
+                          uint8_t *outliers)
 {
     const natural n = d->states, p = d->disturbances;
+    if (d->gain) return estimate(d, s, measured, reference, disturbance, x, w, outliers);
     if (!usable(measured, n) || !usable(disturbance, p) || !usable(reference, q * d->order))
         return replace(d, s, measured, reference, disturbance, x, w);
     take(x, measured, n);
     take(w, disturbance, p);
     return FSW_OK;
+}
+
+fsw_validity fsw_start(const fsw_design *d, fsw_state *s, const fsw_real *x, const fsw_real *w)
+{
+    if (!usable(x, d->states) || !usable(w, d->disturbances)) return FSW_INCONSISTENT;
+    take(s->x, x, d->states);
+    take(s->w, w, d->disturbances);
+    s->primed = 1;
+    s->outliers = 0;
+    return FSW_VALID;
 }
 
 /* ---- Options: what an input may do in this period, and what is assumed after it ---- */
@@ -307,7 +385,8 @@ fsw_decision fsw_decide(const fsw_design *d, const fsw_state *s, const fsw_real 
 {
     fsw_real x[FSW_MAX_STATES], w[FSW_MAX_DISTURBANCES];
     fsw_decision decision = {FSW_OK, d->candidates, 0, 0};
-    const fsw_status status = observe(d, s, d->outputs, measured, reference, disturbance, x, w);
+    uint8_t outliers = s->outliers;
+    const fsw_status status = observe(d, s, d->outputs, measured, reference, disturbance, x, w, &outliers);
     const uint8_t *present = fsw_issued(d, s, 1);
     if (status == FSW_OK || status == FSW_COASTING) {
         decision = SINGLE(d) ? choose(d, s, 1, 1, x, reference, w, present, costs)
@@ -346,12 +425,12 @@ INLINE void issue(const fsw_design *d, fsw_state *s, natural m, const uint8_t *c
 INLINE fsw_decision step(const fsw_design *d, fsw_state *s, natural m, natural q, const fsw_real *measured,
                          const fsw_real *reference, const fsw_real *disturbance, fsw_real *u)
 {
-    const fsw_status status = observe(d, s, q, measured, reference, disturbance, s->x, s->w);
+    const fsw_status status = observe(d, s, q, measured, reference, disturbance, s->x, s->w, &s->outliers);
     if (status == FSW_OK)
         s->bad = 0;
     else if (s->bad < UINT16_MAX)
         s->bad++;
-    if (status == FSW_OK || usable(measured, d->states)) s->primed = 1;
+    if (status == FSW_OK || usable(measured, d->measured)) s->primed = 1;
 
     fsw_decision decision = {status, d->candidates, 0, 0};
     const uint8_t *present = s->line + ((s->head > 0 ? s->head : d->rows) - 1u) * m, *command = present;

@@ -66,7 +66,7 @@ typedef enum {
 /* What a command is based on. */
 typedef enum {
     FSW_OK = 0,       /* the measurement */
-    FSW_COASTING = 1, /* a bad measurement was replaced by the model's prediction from the last good one */
+    FSW_COASTING = 1, /* the model's prediction, in place of a bad measurement or an outlier */
     FSW_HELD = 2, /* no usable measurement yet, a bad reference, or all costs overflow: the present command is kept */
     FSW_SAFE = 3  /* bad_limit bad samples in a row: the safe level, whatever the dwell */
 } fsw_status;
@@ -74,11 +74,15 @@ typedef enum {
 /* One controller, constant. Arrays are row-major, their shape in brackets. An input's levels are
  * ascending and referred to by index; a *command* is one index per input. */
 typedef struct {
-    uint16_t states, inputs, outputs, disturbances;
-    uint16_t order;      /* derivatives in a reference, the value included; >= 1 */
-    uint16_t rows;       /* delay line: longest dead time in periods, rounded up, + 1 */
-    uint16_t candidates; /* allowed commands; >= 1 */
-    uint16_t bad_limit;  /* consecutive bad samples that force the safe level; 0: never */
+    uint16_t states, inputs, outputs;
+    uint16_t disturbances; /* measured ones, then `loads`, which are estimated */
+    uint16_t order;        /* derivatives in a reference, the value included; >= 1 */
+    uint16_t rows;         /* delay line: longest dead time in periods, rounded up, + 1 */
+    uint16_t candidates;   /* allowed commands; >= 1 */
+    uint16_t bad_limit;    /* consecutive bad samples that force the safe level; 0: never */
+    uint16_t measured;     /* values in a measurement: the states, or with a gain what output_row makes of them */
+    uint16_t loads;        /* constant inputs nobody measures, last among the disturbances; 0 without a gain */
+    uint16_t gate_limit;   /* outliers in a row left unused, <= 255; then all samples count until one is inside */
 
     const uint8_t *level_count; /* [inputs], each >= 1 */
     const fsw_real *levels;     /* [sum of level_count] */
@@ -105,23 +109,32 @@ typedef struct {
     const uint32_t *dwell;       /* per input [level_count]: shortest run at that level, periods; >= 1 */
     const fsw_real *switch_cost; /* [inputs] */
 
-    /* One period of the model, to coast through bad measurements:
+    /* One period of the model, to coast through bad measurements and to estimate:
      * x' = model_x x + sum_j (model_old_j u[pending_j + 1 ago] + model_new_j u[pending_j ago]) + model_w w + model_c */
     const fsw_real *model_x;   /* [states][states] */
     const fsw_real *model_old; /* [inputs][states] */
     const fsw_real *model_new; /* [inputs][states], zero where pending is 0 */
     const fsw_real *model_w;   /* [states][disturbances] */
     const fsw_real *model_c;   /* [states] */
+
+    /* Estimation from outputs: with e = y - (output_row x' + output_offset), [x; load] = [x'; load] + gain e. */
+    const fsw_real *gain;          /* [states + loads][measured]; null: the state itself is measured */
+    const fsw_real *output_row;    /* [measured][states] */
+    const fsw_real *output_offset; /* [measured] */
+    const fsw_real *start_row;     /* [states][measured]: the state that the first measurement is taken for, */
+    const fsw_real *start_offset;  /* [states] */
+    const fsw_real *gate;          /* [measured][measured]: an outlier has e' gate e > 1; null: there are none */
 } fsw_design;
 
 /* All that changes. Plain data: may be copied, stored and restored. */
 typedef struct {
-    fsw_real x[FSW_MAX_STATES];       /* the state last used, measured or predicted */
-    fsw_real w[FSW_MAX_DISTURBANCES]; /* the disturbance last used */
+    fsw_real x[FSW_MAX_STATES];       /* the state last used: measured, estimated or predicted */
+    fsw_real w[FSW_MAX_DISTURBANCES]; /* the disturbances last used, measured and estimated */
     uint32_t wait[FSW_MAX_INPUTS];    /* periods each input must still keep its present level */
     uint16_t head;                    /* row of the delay line that the next command takes */
     uint16_t bad;                     /* consecutive bad samples, saturating */
     uint8_t primed;                   /* x holds something */
+    uint8_t outliers;                 /* in a row, not used */
     uint8_t line[FSW_MAX_LINE];       /* [rows][inputs] commands issued, level indices */
 } fsw_state;
 
@@ -143,12 +156,17 @@ fsw_validity fsw_init(const fsw_design *design, fsw_state *state);
  * Returns FSW_INCONSISTENT, and changes nothing, if an index is out of range. */
 fsw_validity fsw_preload(const fsw_design *design, fsw_state *state, const uint8_t *line, const uint32_t *wait);
 
+/* Start from a known state x [states] under w [disturbances], estimated loads included, as fsw_state holds them after a
+ * step: the next step carries them over one period. Commands and dwell stay.
+ * Returns FSW_INCONSISTENT, and changes nothing, if a value is not finite. */
+fsw_validity fsw_start(const fsw_design *design, fsw_state *state, const fsw_real *x, const fsw_real *w);
+
 /* The command issued `age` periods ago, 1 <= age <= rows (1: in force): [inputs] level indices, valid until the
  * state changes. */
 const uint8_t *fsw_issued(const fsw_design *design, const fsw_state *state, uint16_t age);
 
 /* Choose without committing: what fsw_step would do.
- * x [states], reference [outputs][order], w [disturbances] (null if there are none) in the design's units;
+ * x [measured], reference [outputs][order], w [disturbances - loads] (null if there are none) in the design's units;
  * costs [candidates] receives every candidate's cost, infinity where dwell forbids it; may be null. */
 fsw_decision fsw_decide(const fsw_design *design, const fsw_state *state, const fsw_real *x, const fsw_real *reference,
                         const fsw_real *w, fsw_real *costs);
@@ -156,7 +174,8 @@ fsw_decision fsw_decide(const fsw_design *design, const fsw_state *state, const 
 /* One switching period: choose, remember, and write the levels to u [inputs]. The command is always
  * an allowed one that respects dwell (but FSW_SAFE), also with bad measurements.
  * Cost: outputs * (states + disturbances + order + sum pending + candidates * inputs) + inputs * outputs;
- * a bad measurement adds states * (states + 2 inputs + disturbances). */
+ * a bad measurement adds states * (states + 2 inputs + disturbances), an estimate in each period besides
+ * measured * (2 states + loads + measured). */
 fsw_decision fsw_step(const fsw_design *design, fsw_state *state, const fsw_real *x, const fsw_real *reference,
                       const fsw_real *w, fsw_real *u);
 

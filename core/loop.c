@@ -51,6 +51,16 @@ void fsw_plant_advance(const fsw_plant *p, const double *x, const double *u, con
 
 void fsw_plant_output(const fsw_plant *p, const double *x, double *y) { output(p, p->outputs, x, y); }
 
+/* Write the estimate just used. */
+static void note(fsw_predictive *self)
+{
+    const fsw_design *d = &self->design;
+    const fsw_state *s = &self->state;
+    const fsw_real *load = s->w + (d->disturbances - d->loads);
+    for (uint32_t i = 0; i < d->states; i++) *self->trace++ = s->primed ? (double)s->x[i] : NAN;
+    for (uint32_t i = 0; i < d->loads; i++) *self->trace++ = s->primed ? (double)load[i] : NAN;
+}
+
 fsw_decision fsw_predictive_step(fsw_law *law, const double *measured, const double *reference, const double *w,
                                  double *u)
 {
@@ -58,10 +68,10 @@ fsw_decision fsw_predictive_step(fsw_law *law, const double *measured, const dou
     const fsw_design *d = &self->design;
 #ifdef FSW_SINGLE
     const uint32_t width = (uint32_t)d->outputs * d->order;
-    float *x = self->buffer, *r = x + d->states, *v = r + width, *out = v + d->disturbances;
-    for (uint32_t i = 0; i < d->states; i++) x[i] = (float)measured[i];
+    float *x = self->buffer, *r = x + d->measured, *v = r + width, *out = v + d->disturbances;
+    for (uint32_t i = 0; i < d->measured; i++) x[i] = (float)measured[i];
     for (uint32_t i = 0; i < width; i++) r[i] = (float)reference[i];
-    for (uint32_t i = 0; i < d->disturbances; i++) v[i] = (float)w[i];
+    for (uint32_t i = 0; i + d->loads < d->disturbances; i++) v[i] = (float)w[i];
     const fsw_decision decision = fsw_step(d, &self->state, x, r, v, out);
     const uint8_t *command = fsw_issued(d, &self->state, 1);
     const double *levels = self->levels;
@@ -69,23 +79,25 @@ fsw_decision fsw_predictive_step(fsw_law *law, const double *measured, const dou
         u[j] = levels[command[j]];
         levels += d->level_count[j];
     }
-    return decision;
 #else
-    return fsw_step(d, &self->state, measured, reference, w, u);
+    const fsw_decision decision = fsw_step(d, &self->state, measured, reference, w, u);
 #endif
+    if (self->trace) note(self);
+    return decision;
 }
 
 INLINE void run(fsw_law *law, const fsw_plant *p, uint32_t m, uint32_t q, const fsw_record *record, uint64_t first,
                 uint64_t last)
 {
     const fsw_record r = *record; /* ours alone: nothing written through its pointers can change it */
-    const uint32_t n = p->states, d = p->disturbances;
+    const uint32_t n = p->states, d = p->disturbances, z = r.seen_width;
     double *x = r.x + first * n, *u = r.u + first * m;
+    const double *seen = r.seen + first * z;
     const double *reference = r.reference + first * r.reference_width;
     for (uint64_t k = first; k < last; k++) {
-        const double *measured = x, *w = r.w ? r.w + k * d : 0;
+        const double *measured = seen, *w = r.w ? r.w + k * d : 0;
         if (r.sensor) {
-            fsw_sensor_read(r.sensor, k, r.x, n, r.scratch);
+            fsw_sensor_read(r.sensor, k, r.seen, z, r.scratch);
             measured = r.scratch;
         }
         const fsw_decision decision = law->step(law, measured, reference, w, u);
@@ -95,6 +107,7 @@ INLINE void run(fsw_law *law, const fsw_plant *p, uint32_t m, uint32_t q, const 
         advance(p, m, x, u, r.load ? r.load + k * m : 0, w, x + n);
         x += n;
         u += m;
+        seen += z;
         reference += r.reference_width;
         output(p, q, x, r.y + (k + 1) * q);
     }
@@ -126,10 +139,11 @@ int fsw_rig_run(fsw_law *law, fsw_rig *rig, const fsw_record *r, uint64_t histor
     fsw_truth *truth = rig->truth;
     const uint32_t n = truth->states, m = truth->inputs, q = truth->outputs;
     for (uint64_t k = first; k < last; k++) {
-        const double *x = r->x + k * n, *measured = x, *w = r->w ? r->w + k * truth->disturbances : 0;
+        const double *x = r->x + k * n, *measured = r->seen + k * r->seen_width;
+        const double *w = r->w ? r->w + k * truth->disturbances : 0;
         double *u = r->u + k * m, *next = r->x + (k + 1) * n;
         if (r->sensor) {
-            fsw_sensor_read(r->sensor, k, r->x, n, r->scratch);
+            fsw_sensor_read(r->sensor, k, r->seen, r->seen_width, r->scratch);
             measured = r->scratch;
         }
         const fsw_decision decision = law->step(law, measured, r->reference + k * r->reference_width, w, u);

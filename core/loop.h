@@ -26,19 +26,21 @@ void fsw_plant_advance(const fsw_plant *plant, const double *x, const double *u,
                        double *next);
 void fsw_plant_output(const fsw_plant *plant, const double *x, double *y);
 
-/* Any law: measured state, reference [outputs][order] and w in, levels u [inputs] out. */
+/* Any law: what is measured, reference [outputs][order] and w in, levels u [inputs] out. */
 typedef struct fsw_law {
     fsw_decision (*step)(struct fsw_law *law, const double *measured, const double *reference, const double *w,
                          double *u);
 } fsw_law;
 
-/* The core as a law. `buffer` holds states + outputs * order + disturbances + inputs values, used when
- * fsw_real is not double; `levels` are the exact ones. */
+/* The core as a law. `buffer` holds measured + outputs * order + disturbances + inputs values, used when
+ * fsw_real is not double; `levels` are the exact ones. Each step writes a row [states + loads] at `trace`, the estimate
+ * it is based on or NaN while there is none, and moves it on; null: nowhere. */
 typedef struct {
     fsw_law law;
     fsw_design design;
     const double *levels;
     fsw_real *buffer;
+    double *trace;
     fsw_state state;
 } fsw_predictive;
 
@@ -49,18 +51,20 @@ fsw_decision fsw_predictive_step(fsw_law *law, const double *measured, const dou
  * `history` rows before row 0, at least the plant's longest delay. Null: absent. */
 typedef struct {
     uint32_t reference_width; /* outputs * order of the law */
-    const fsw_sensor *sensor; /* null: the law is given the plant's state */
+    const fsw_sensor *sensor; /* null: the law is given what is measured as it is */
     const double *reference;  /* [steps][reference_width] */
     const double *w;          /* [steps][disturbances] */
     const double *load;       /* [steps][inputs] */
     double *x, *y, *u;        /* u at row 0, history before it */
+    const double *seen;       /* x or y: what is measured */
+    uint32_t seen_width;
     double *cost;
     uint32_t *nodes;
     uint8_t *status;
     double *scratch; /* [measured] */
 } fsw_record;
 
-/* Periods first <= k < last; row `first` of x must be filled. */
+/* Periods first <= k < last; row `first` of what is measured, and of x, must be filled. */
 void fsw_run(fsw_law *law, const fsw_plant *plant, const fsw_record *record, uint64_t first, uint64_t last);
 
 /* The same with real actuators before the plant. */

@@ -98,17 +98,17 @@ static uint64_t arrival(const fsw_sensor *s, uint64_t sample)
     return sample + (uint64_t)ceil(s->late * fsw_uniform(s->seed, FSW_SAMPLE_LATE, sample));
 }
 
-void fsw_sensor_read(const fsw_sensor *s, uint64_t k, const double *x, uint32_t states, double *measured)
+void fsw_sensor_read(const fsw_sensor *s, uint64_t k, const double *seen, uint32_t width, double *measured)
 {
     const uint64_t reach = (uint64_t)ceil(s->late);
     uint64_t age = 0;
     while (age <= reach && age <= k && (lost(s, k - age) || arrival(s, k - age) != k)) age++;
     const int none = age > reach || age > k;
     const uint64_t sample = none ? k : k - age;
-    const double *from = x + sample * states;
+    const double *from = seen + sample * width;
     for (uint32_t i = 0; i < s->measured; i++) {
         double value = s->matrix ? 0 : from[i];
-        for (uint32_t l = 0; s->matrix && l < states; l++) value += s->matrix[i * states + l] * from[l];
+        for (uint32_t l = 0; s->matrix && l < width; l++) value += s->matrix[i * width + l] * from[l];
         if (s->deviation) value += s->deviation[i] * fsw_normal(s->seed, FSW_SENSOR_NOISE, sample * s->measured + i);
         if (s->quantum && s->quantum[i] > 0) value = s->quantum[i] * floor(value / s->quantum[i] + 0.5);
         if (s->low && value < s->low[i]) value = s->low[i];

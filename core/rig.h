@@ -66,11 +66,11 @@ int fsw_linear_output(fsw_truth *truth, uint64_t k, const double *x, double *y);
 
 /* ---- Sensors ---- */
 
-/* What stands between the plant's state and the law. Null pointers and zeros: nothing. */
+/* What stands between the plant's state, or its output, and the law. Null pointers and zeros: nothing. */
 typedef struct {
     uint64_t seed;
     uint32_t measured;
-    const double *matrix;        /* [measured][states]; null: the state as it is */
+    const double *matrix;        /* [measured][seen]; null: what is seen as it is */
     const double *deviation;     /* [measured] standard deviation of the noise */
     const double *quantum;       /* [measured] step, 0: none */
     const double *low, *high;    /* [measured] range */
@@ -80,8 +80,8 @@ typedef struct {
     uint32_t outages;
 } fsw_sensor;
 
-/* What the law is given at period k, of the states x [k + 1][states] so far: the newest sample that came in during the
- * last period, or NaN. */
-void fsw_sensor_read(const fsw_sensor *sensor, uint64_t k, const double *x, uint32_t states, double *measured);
+/* What the law is given at period k, of what was there to be seen so far, rows [k + 1][width] of states or outputs: the
+ * newest sample that came in during the last period, or NaN. */
+void fsw_sensor_read(const fsw_sensor *sensor, uint64_t k, const double *seen, uint32_t width, double *measured);
 
 #endif

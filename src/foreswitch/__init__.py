@@ -3,6 +3,7 @@
 from foreswitch import baselines
 from foreswitch.batch import Batch, simulate_batch
 from foreswitch.controller import Controller, Decision, Status
+from foreswitch.estimator import Kalman
 from foreswitch.hardware import Hardware, Stuck
 from foreswitch.loop import simulate
 from foreswitch.nonlinear import FmuPlant, NonlinearPlant
@@ -20,6 +21,7 @@ __all__ = [
     "FmuPlant",
     "HalfSine",
     "Hardware",
+    "Kalman",
     "NonlinearPlant",
     "Plant",
     "Precision",

@@ -23,7 +23,7 @@
 
 /* ---- Arrays ---- */
 
-enum { MAX_VIEWS = 32 };
+enum { MAX_VIEWS = 40 };
 
 /* Buffers that an object keeps alive, because its C struct points into them. */
 typedef struct {
@@ -142,6 +142,7 @@ typedef struct {
     PyObject_HEAD views views;
     fsw_law *law;
     uint32_t measured, reference_width, disturbances, inputs, outputs, order;
+    int from_outputs; /* what is measured is y, else x */
 } Law;
 
 typedef struct {
@@ -179,10 +180,10 @@ static void predictive_dealloc(PyObject *object)
 static PyObject *predictive_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
 {
     (void)keywords;
-    unsigned short n, m, q, p, order, rows, candidates, bad_limit;
+    unsigned short n, m, q, p, order, rows, candidates, bad_limit, measured, loads, gate_limit;
     PyObject *arrays, *new_block;
-    if (!PyArg_ParseTuple(args, "(HHHHHHHH)OO", &n, &m, &q, &p, &order, &rows, &candidates, &bad_limit, &arrays,
-                          &new_block))
+    if (!PyArg_ParseTuple(args, "(HHHHHHHHHHH)OO", &n, &m, &q, &p, &order, &rows, &candidates, &bad_limit, &measured,
+                          &loads, &gate_limit, &arrays, &new_block))
         return NULL;
     Predictive *self = (void *)PyType_GenericAlloc(type, 0) /* zeroed */;
     if (!self) return NULL;
@@ -196,9 +197,12 @@ static PyObject *predictive_new(PyTypeObject *type, PyObject *args, PyObject *ke
                               .order = order,
                               .rows = rows,
                               .candidates = candidates,
-                              .bad_limit = bad_limit};
+                              .bad_limit = bad_limit,
+                              .measured = measured,
+                              .loads = loads,
+                              .gate_limit = gate_limit};
     *d = sizes;
-    const Py_ssize_t N = n, M = m, Q = q, P = p;
+    const Py_ssize_t N = n, M = m, Q = q, P = p, Z = measured;
     /* these three give the sizes of the others */
     const slot first[] = {{"level_count", 'B', M, 0, 0, &d->level_count},
                           {"pending", 'H', M, 0, 0, &d->pending},
@@ -236,6 +240,12 @@ static PyObject *predictive_new(PyTypeObject *type, PyObject *args, PyObject *ke
             {"model_new", REAL, M * N, 0, 0, &d->model_new},
             {"model_w", REAL, N * P, 0, 0, &d->model_w},
             {"model_c", REAL, N, 0, 0, &d->model_c},
+            {"gain", REAL, (N + loads) * Z, 0, 1, &d->gain},
+            {"output_row", REAL, Z * N, 0, 1, &d->output_row},
+            {"output_offset", REAL, Z, 0, 1, &d->output_offset},
+            {"start_row", REAL, N * Z, 0, 1, &d->start_row},
+            {"start_offset", REAL, N, 0, 1, &d->start_offset},
+            {"gate", REAL, Z * Z, 0, 1, &d->gate},
         };
         ok = attach_all(v, tail, slots, COUNT(slots));
     } else if (!PyErr_Occurred())
@@ -252,14 +262,15 @@ static PyObject *predictive_new(PyTypeObject *type, PyObject *args, PyObject *ke
         return Py_DECREF(self), NULL;
     }
     const size_t width = (size_t)q * order;
-    core->buffer = PyMem_Malloc(sizeof(fsw_real) * ((size_t)n + width + p + m));
+    core->buffer = PyMem_Malloc(sizeof(fsw_real) * ((size_t)measured + width + p + m));
     self->decision_costs = PyMem_Malloc(sizeof(fsw_real) * candidates);
     if (!core->buffer || !self->decision_costs) return Py_DECREF(self), PyErr_NoMemory();
     core->law.step = fsw_predictive_step;
     Law *base = &self->base;
     base->law = &core->law;
-    base->measured = n, base->reference_width = (uint32_t)width, base->disturbances = p;
+    base->measured = measured, base->reference_width = (uint32_t)width, base->disturbances = (uint32_t)(p - loads);
     base->inputs = m, base->outputs = q, base->order = order;
+    base->from_outputs = d->gain != NULL;
     return (PyObject *)self;
 }
 
@@ -286,8 +297,8 @@ static Py_ssize_t read_array(PyObject *object, fsw_real *to, Py_ssize_t most, in
     return count;
 }
 
-/* x (n,), reference (scalar; (order,) for one output; canonical) and w (p,) or None into the buffer; 0 if any is of
- * another form or the reference is not finite: the caller's Python then words the complaint or converts. */
+/* x (measured,), reference (scalar; (order,) for one output; canonical) and w (p,) or None into the buffer; 0 if any is
+ * of another form or the reference is not finite: the caller's Python then words the complaint or converts. */
 static int read_arguments(Predictive *self, PyObject *x, PyObject *reference, PyObject *w)
 {
     const Law *base = &self->base;
@@ -340,11 +351,12 @@ static PyObject *predictive_step(PyObject *object, PyObject *const *args, Py_ssi
     PyObject *command_array = new_command(self, &u);
     if (!command_array) return NULL;
     fsw_predictive *core = &self->core;
-    fsw_real *x = core->buffer, *r = x + self->base.measured, *w = r + self->base.reference_width;
-    self->status = (unsigned char)fsw_step(&core->design, &core->state, x, r, w, w + self->base.disturbances).status;
+    const Law *base = &self->base;
+    fsw_real *x = core->buffer, *r = x + base->measured, *w = r + base->reference_width;
+    self->status = (unsigned char)fsw_step(&core->design, &core->state, x, r, w, w + base->disturbances).status;
     const uint8_t *command = fsw_issued(&core->design, &core->state, 1);
     const double *levels = core->levels;
-    for (uint32_t j = 0; j < self->base.inputs; j++) {
+    for (uint32_t j = 0; j < base->inputs; j++) {
         u[j] = levels[command[j]];
         levels += core->design.level_count[j];
     }
@@ -369,12 +381,13 @@ static PyObject *predictive_decide(PyObject *object, PyObject *const *args, Py_s
                          (int)decision.status);
 }
 
-/* preload(line, wait): commands under way and running dwell */
+/* preload(line, wait, keep=False): commands under way and running dwell; whether to keep what was measured */
 static PyObject *predictive_preload(PyObject *object, PyObject *args)
 {
     Predictive *self = (Predictive *)object;
     PyObject *line_object, *wait_object;
-    if (!PyArg_ParseTuple(args, "OO", &line_object, &wait_object)) return NULL;
+    int keep = 0;
+    if (!PyArg_ParseTuple(args, "OO|p", &line_object, &wait_object, &keep)) return NULL;
     views v = {.count = 0};
     const fsw_design *d = &self->core.design;
     const uint8_t *line;
@@ -382,8 +395,11 @@ static PyObject *predictive_preload(PyObject *object, PyObject *args)
     if (!attach(&v, line_object, "line", 'B', (Py_ssize_t)d->rows * d->inputs, 0, 0, &line) ||
         !attach(&v, wait_object, "wait", 'I', d->inputs, 0, 0, &wait))
         return release(&v), NULL;
-    const fsw_validity validity = (fsw_init(d, &self->core.state), fsw_preload(d, &self->core.state, line, wait));
-    self->status = FSW_OK;
+    if (!keep) {
+        (void)fsw_init(d, &self->core.state);
+        self->status = FSW_OK;
+    }
+    const fsw_validity validity = fsw_preload(d, &self->core.state, line, wait);
     release(&v);
     if (validity != FSW_VALID) return PyErr_SetString(PyExc_ValueError, "a level index is out of range"), NULL;
     Py_RETURN_NONE;
@@ -403,7 +419,38 @@ static PyObject *predictive_line(PyObject *object, PyObject *nothing)
     return bytes;
 }
 
-/* The core's state without the unused end of its line. */
+/* start(x, w): a known state, and the disturbances with the loads behind them */
+static PyObject *predictive_start(PyObject *object, PyObject *args)
+{
+    Predictive *self = (Predictive *)object;
+    const fsw_design *d = &self->core.design;
+    views v = {.count = 0};
+    const fsw_real *x, *w;
+    const slot slots[] = {{"x", REAL, d->states, 0, 0, &x}, {"w", REAL, d->disturbances, 0, 0, &w}};
+    const int ok = attach_all(&v, args, slots, COUNT(slots));
+    const fsw_validity validity = ok ? fsw_start(d, &self->core.state, x, w) : FSW_VALID;
+    release(&v);
+    if (!ok) return NULL;
+    if (validity != FSW_VALID) return PyErr_SetString(PyExc_ValueError, "a value is too large"), NULL;
+    Py_RETURN_NONE;
+}
+
+/* estimate(x, w): what the latest step is based on, into float64 arrays; False if there is nothing yet */
+static PyObject *predictive_estimate(PyObject *object, PyObject *args)
+{
+    Predictive *self = (Predictive *)object;
+    const fsw_design *d = &self->core.design;
+    const fsw_state *s = &self->core.state;
+    views v = {.count = 0};
+    double *x, *w;
+    const slot slots[] = {{"x", 'd', d->states, 1, 0, &x}, {"w", 'd', d->disturbances, 1, 0, &w}};
+    const int ok = attach_all(&v, args, slots, COUNT(slots));
+    for (uint16_t i = 0; ok && i < d->states; i++) x[i] = (double)s->x[i];
+    for (uint16_t i = 0; ok && i < d->disturbances; i++) w[i] = (double)s->w[i];
+    release(&v);
+    return ok ? PyBool_FromLong(s->primed) : NULL;
+}
+
 /* wait() -> bytes: periods, uint32, that each input must still keep its level */
 static PyObject *predictive_wait(PyObject *object, PyObject *nothing)
 {
@@ -413,6 +460,7 @@ static PyObject *predictive_wait(PyObject *object, PyObject *nothing)
     return PyBytes_FromStringAndSize((const char *)self->core.state.wait, size);
 }
 
+/* The core's state without the unused end of its line. */
 static Py_ssize_t state_size(const Predictive *self)
 {
     return (Py_ssize_t)(offsetof(fsw_state, line) + (size_t)self->core.design.rows * self->core.design.inputs);
@@ -555,7 +603,7 @@ static PyObject *baseline_step(PyObject *object, PyObject *args)
 typedef struct {
     PyObject_HEAD views views;
     fsw_sensor sensor;
-    uint32_t states;
+    uint32_t seen; /* states or outputs */
 } Sensor;
 
 static PyTypeObject *sensor_type;
@@ -566,20 +614,20 @@ static void sensor_dealloc(PyObject *object)
     dispose(object);
 }
 
-/* Sensor(measured, states, missing, late, (matrix, deviation, quantum, low, high, outages)) */
+/* Sensor(measured, seen, missing, late, (matrix, deviation, quantum, low, high, outages)) */
 static PyObject *sensor_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
 {
     (void)keywords;
-    unsigned int measured, states;
+    unsigned int measured, seen;
     double missing, late;
     PyObject *arrays;
-    if (!PyArg_ParseTuple(args, "IIddO", &measured, &states, &missing, &late, &arrays)) return NULL;
+    if (!PyArg_ParseTuple(args, "IIddO", &measured, &seen, &missing, &late, &arrays)) return NULL;
     Sensor *self = (void *)PyType_GenericAlloc(type, 0); /* zeroed */
     if (!self) return NULL;
     fsw_sensor *s = &self->sensor;
-    self->states = states;
+    self->seen = seen;
     s->measured = measured, s->missing = missing, s->late = late;
-    const Py_ssize_t Z = measured, N = states;
+    const Py_ssize_t Z = measured, N = seen;
     PyObject *outages = PyTuple_Check(arrays) && PyTuple_Size(arrays) == 6 ? PyTuple_GetItem(arrays, 5) : Py_None;
     const Py_ssize_t count = outages == Py_None ? 0 : PyObject_Size(outages);
     const slot slots[] = {
@@ -589,7 +637,7 @@ static PyObject *sensor_new(PyTypeObject *type, PyObject *args, PyObject *keywor
     };
     if (count < 0 || !attach_all(&self->views, arrays, slots, COUNT(slots))) return Py_DECREF(self), NULL;
     s->outages = (uint32_t)count;
-    if (!s->matrix && measured != states) {
+    if (!s->matrix && measured != seen) {
         PyErr_SetString(PyExc_ValueError, "a sensor matrix is needed where the law's state is not the plant's");
         return Py_DECREF(self), NULL;
     }
@@ -759,7 +807,7 @@ typedef struct {
     const fsw_plant *plant; /* or */
     fsw_rig *rig;
     Sensor *sensor;
-    Py_ssize_t n, m, q, p;
+    Py_ssize_t n, m, q, p, seen;
 } parts;
 
 static int gather(parts *c, PyObject *law, PyObject *body, PyObject *sensor, Py_ssize_t history)
@@ -785,9 +833,10 @@ static int gather(parts *c, PyObject *law, PyObject *body, PyObject *sensor, Py_
         c->sensor = (Sensor *)sensor;
     }
     const Law *l = c->law;
+    c->seen = l->from_outputs ? c->q : c->n;
     if (history < longest || history < 1 || c->m != l->inputs || c->q != l->outputs ||
         (l->disturbances > 0 && c->p != l->disturbances) ||
-        (c->sensor ? c->sensor->states != c->n || c->sensor->sensor.measured != l->measured : l->measured != c->n))
+        (c->sensor ? c->sensor->seen != c->seen || c->sensor->sensor.measured != l->measured : l->measured != c->seen))
         return PyErr_SetString(PyExc_ValueError, "the run's sizes contradict each other"), 0;
     return 1;
 }
@@ -807,6 +856,13 @@ static int loop(const parts *c, const fsw_record *r, Py_ssize_t history, Py_ssiz
     return fsw_rig_run(c->law->law, c->rig, r, (uint64_t)history, (uint64_t)first, (uint64_t)last);
 }
 
+/* Where the law looks, once x and y are in the record. */
+static void look(const parts *c, fsw_record *r)
+{
+    r->seen = c->law->from_outputs ? r->y : r->x;
+    r->seen_width = (uint32_t)c->seen;
+}
+
 /* run(law, body, sensor, seed, steps, history, arrays, first, last): fill rows first..last of the arrays in place */
 static PyObject *run(PyObject *module, PyObject *args)
 {
@@ -822,6 +878,9 @@ static PyObject *run(PyObject *module, PyObject *args)
         return PyErr_SetString(PyExc_ValueError, "the rows are out of range"), NULL;
     fsw_record r = {.reference_width = c.law->reference_width};
     views v = {.count = 0};
+    fsw_predictive *predictive = Py_TYPE(law) == predictive_type ? &((Predictive *)law)->core : NULL;
+    const Py_ssize_t wide = predictive ? predictive->design.states + predictive->design.loads : 0;
+    double *trace;
     const slot slots[] = {
         {"reference", 'd', steps * c.law->reference_width, 0, 0, &r.reference},
         {"w", 'd', steps * c.p, 0, c.p == 0, &r.w},
@@ -832,6 +891,7 @@ static PyObject *run(PyObject *module, PyObject *args)
         {"cost", 'd', steps, 1, 0, &r.cost},
         {"nodes", 'I', steps, 1, 0, &r.nodes},
         {"status", 'B', steps, 1, 0, &r.status},
+        {"estimate", 'd', steps * wide, 1, 1, &trace},
     };
     fsw_sensor reading;
     int ok = attach_all(&v, arrays, slots, COUNT(slots));
@@ -845,9 +905,12 @@ static PyObject *run(PyObject *module, PyObject *args)
             r.sensor = &reading;
         }
         if (c.rig) c.rig->seed = seed;
+        if (predictive && trace) predictive->trace = trace + first * wide;
+        look(&c, &r);
         Py_BEGIN_ALLOW_THREADS;
         ok = loop(&c, &r, history, first, last);
         Py_END_ALLOW_THREADS;
+        if (predictive) predictive->trace = NULL;
         PyMem_Free(r.scratch);
     }
     release(&v);
@@ -905,6 +968,7 @@ static PyObject *batch(PyObject *module, PyObject *args)
     if (ok) {
         if (predictive) memcpy(start, &predictive->core.state, state);
         r.x = x, r.y = y, r.u = u + history * c.m, r.cost = cost, r.nodes = nodes, r.status = status;
+        look(&c, &r);
         fsw_sensor reading;
         if (c.sensor) {
             reading = c.sensor->sensor;
@@ -964,10 +1028,11 @@ static PyObject *metrics(PyObject *module, PyObject *args)
 #define FAST(function) ((PyCFunction)(void (*)(void))(function))
 
 static PyMethodDef predictive_methods[] = {
-    {"step", FAST(predictive_step), METH_FASTCALL, NULL}, {"decide", FAST(predictive_decide), METH_FASTCALL, NULL},
-    {"preload", predictive_preload, METH_VARARGS, NULL},  {"line", predictive_line, METH_NOARGS, NULL},
-    {"wait", predictive_wait, METH_NOARGS, NULL},         {"save", predictive_save, METH_NOARGS, NULL},
-    {"restore", predictive_restore, METH_O, NULL},        {NULL, NULL, 0, NULL},
+    {"step", FAST(predictive_step), METH_FASTCALL, NULL},  {"decide", FAST(predictive_decide), METH_FASTCALL, NULL},
+    {"preload", predictive_preload, METH_VARARGS, NULL},   {"line", predictive_line, METH_NOARGS, NULL},
+    {"wait", predictive_wait, METH_NOARGS, NULL},          {"save", predictive_save, METH_NOARGS, NULL},
+    {"restore", predictive_restore, METH_O, NULL},         {"start", predictive_start, METH_VARARGS, NULL},
+    {"estimate", predictive_estimate, METH_VARARGS, NULL}, {NULL, NULL, 0, NULL},
 };
 static PyMemberDef predictive_members[] = {
     {"status", T_UBYTE, offsetof(Predictive, status), READONLY, NULL},

@@ -58,6 +58,7 @@ class Baseline(ABC):
 
     KIND: ClassVar[int]
     real = "float64"
+    estimator = None  # the whole state is measured
     order = 2
 
     def __init__(

@@ -17,6 +17,7 @@ from foreswitch import _check, prediction
 from foreswitch._check import Array
 from foreswitch._text import nearest, tree
 from foreswitch.core import CORES, REALS
+from foreswitch.estimator import Kalman
 from foreswitch.objective import Endpoint
 from foreswitch.plant import Plant
 
@@ -48,7 +49,8 @@ class Status(IntEnum):
 
 REMEDIES = {
     Status.OK: "The command rests on the measurement.",
-    Status.COASTING: "A measurement was not finite and the model's prediction stood in for it. Check the sensor.",
+    Status.COASTING: "A measurement was not finite, or an outlier, and the model's prediction stood in for it. Check the "
+    "sensor.",
     Status.HELD: "There was no usable measurement yet, the reference was not finite, or every cost overflowed, and the "
     "present command was kept. Give one measurement and a reference of a sensible size.",
     Status.SAFE: "The safe level was commanded after bad_limit bad samples in a row. Repair the sensor; control "
@@ -166,6 +168,8 @@ class Controller:
         Added to the cost of a command for each input that it changes.
     forbidden : sequence of commands
         Combinations of levels that must never be commanded.
+    estimator : Kalman, optional
+        Estimates the state from the outputs, which are then measured in its place.
     preview : bool, "lag" or float
         When the reference is sampled, relative to t_k: now, at the evaluation instant (True), ahead by
         the loop's lag, or by that many seconds.
@@ -186,6 +190,8 @@ class Controller:
         DC gain of the ideal loop yd -> y.
     relative_degree : ndarray, shape (q,)
         Derivatives of each output until an input appears.
+    kalman : Filter or None
+        The designed filter: ``gain``, ``poles``, ``innovation`` covariance.
 
     Raises
     ------
@@ -222,6 +228,7 @@ class Controller:
         min_off: ArrayLike = 0.0,
         switch_cost: ArrayLike = 0.0,
         forbidden: Sequence[ArrayLike] = (),
+        estimator: Kalman | None = None,
         preview: bool | Literal["lag"] | float = False,
         safe_level: ArrayLike | None = None,
         bad_limit: int = 10,
@@ -231,14 +238,16 @@ class Controller:
             raise ValueError(f"plant is a {type(plant).__name__}; give a Plant, see Plant.from_control")
         if not isinstance(objective, Endpoint):
             raise ValueError(f"objective is {objective!r}; give an Endpoint")
+        if not (estimator is None or isinstance(estimator, Kalman)):
+            raise ValueError(f"estimator is {estimator!r}; give a Kalman, or nothing where the state is measured")
         if real not in CORES:
             raise ValueError(f"real is {real!r}; {nearest(str(real), CORES)}")
         self._arguments = {
             "plant": plant, "levels": levels, "Ts": Ts, "objective": objective, "min_on": min_on, "min_off": min_off,
-            "switch_cost": switch_cost, "forbidden": forbidden, "preview": preview, "safe_level": safe_level,
-            "bad_limit": bad_limit, "real": real,
+            "switch_cost": switch_cost, "forbidden": forbidden, "estimator": estimator, "preview": preview,
+            "safe_level": safe_level, "bad_limit": bad_limit, "real": real,
         }  # fmt: skip
-        self.plant, self.objective, self.real = plant, objective, real
+        self.plant, self.objective, self.estimator, self.real = plant, objective, estimator, real
         self.Ts = _check.number("Ts", Ts, above=0.0)
         self.levels = input_levels(levels, plant.inputs)
         if objective.Td < self.Ts * (1.0 - 1e-9):
@@ -290,6 +299,7 @@ class Controller:
     def _check_sizes(self) -> None:
         """What the core can hold; before the design, which would take as long as it is large."""
         plant, core = self.plant, CORES[self.real]
+        loads = 0 if self.estimator is None else self.estimator.loads(plant).shape[1]
         longest = float(plant.input_delay.max())
         depth = _check.periods(longest, self.Ts) + 1
         reach = min(max(map(max, self._dwell)), _check.periods(longest + self.objective.Td, self.Ts))
@@ -297,7 +307,7 @@ class Controller:
             (plant.states, core.MAX_STATES, "states"),
             (plant.inputs, core.MAX_INPUTS, "inputs"),
             (plant.outputs, core.MAX_OUTPUTS, "outputs"),
-            (plant.disturbances, core.MAX_DISTURBANCES, "disturbances"),
+            (plant.disturbances + loads, core.MAX_DISTURBANCES, "disturbances and loads"),
             (depth * plant.inputs, min(core.MAX_LINE, LONGEST_HOLD), "periods of dead time (times inputs)"),
             (reach, LONGEST_HOLD, "periods of dwell within the horizon"),
         ):
@@ -306,7 +316,7 @@ class Controller:
 
     def _design(self) -> None:
         """Rows of theory [4] and the loop's figures."""
-        plant, objective, q = self.plant, self.objective, self.plant.outputs
+        objective, q, plant = self.objective, self.plant.outputs, self._with_loads()
         self.relative_degree = self._degrees()
         self._lam = _check.per("lam", objective.lam, q, "output")
         self._weight = _check.per("weight", objective.weight, q, "output")
@@ -330,6 +340,16 @@ class Controller:
         )
         self.lag = float(lag[0]) if q == 1 else lag
         self.dc_gain = float(gain[0, 0]) if q == 1 else gain
+        self.kalman = None
+        if self.estimator is not None:
+            load_steps = self._model.disturbance[:, self.plant.disturbances :]
+            self.kalman = self.estimator.design(self.plant, self._model.transition, load_steps)
+
+    def _with_loads(self) -> Plant:
+        """The plant with its loads behind its measured disturbances, which is all that prediction has to know of them."""
+        if self.estimator is None:
+            return self.plant
+        return self.plant.replace(E=np.hstack([self.plant.E, self.estimator.loads(self.plant)]))
 
     def _degrees(self) -> np.ndarray[Any, np.dtype[np.int64]]:
         given = self.objective.relative_degree
@@ -362,9 +382,10 @@ class Controller:
     def _core_parts(self) -> tuple[tuple[int, ...], tuple[Any, ...]]:
         """Sizes and arrays of the core's design, in the order of the binding."""
         real = REALS[self.real]
-        plant, rows, model, rest = self.plant, self._rows, self._model, self._rest
-        n, m, q, p = plant.states, plant.inputs, plant.outputs, plant.disturbances
+        plant, rows, model, rest, kalman = self.plant, self._rows, self._model, self._rest, self.kalman
+        n, m, q, p = plant.states, plant.inputs, plant.outputs, rows.disturbance.shape[1]
         depth = max(model.delay) + 1
+        limit = 0 if self.estimator is None else int(self.estimator.gate_limit)
 
         def reals(values: ArrayLike) -> np.ndarray[Any, Any]:
             return np.ascontiguousarray(values, dtype=real).ravel()
@@ -375,7 +396,8 @@ class Controller:
         exact = np.concatenate(self.levels)
         # (pending, 1, q) times (levels, 1): each pending command's effect, looked up by its level
         products = [w[:, None, :] * v[None, :, None] for w, v in zip(rows.pending, self.levels, strict=True)]
-        sizes = (n, m, q, p, self.order, depth, len(self._candidates), self._bad_limit)
+        sizes = (n, m, q, p, self.order, depth, len(self._candidates), self._bad_limit, self._measured[0],
+                 p - plant.disturbances, limit)  # fmt: skip
         arrays = (
             np.array([v.size for v in self.levels], dtype=np.uint8),
             np.array(model.delay, dtype=np.uint16),
@@ -403,7 +425,17 @@ class Controller:
             reals(model.disturbance),
             reals(model.drift),
         )
-        return sizes, arrays
+        if kalman is None:
+            return sizes, arrays + (None,) * 6
+        gate = None if kalman.gate is None else reals(kalman.gate)
+        estimation = (kalman.gain, plant.C, plant.y_offset, kalman.start_row, kalman.start_offset)
+        return sizes, (*arrays, *map(reals, estimation), gate)
+
+    @property
+    def _measured(self) -> tuple[int, str]:
+        """How many values are measured, and what they are."""
+        plant = self.plant
+        return (plant.states, "measured state") if self.estimator is None else (plant.outputs, "measured output")
 
     # ---- What the caller must supply ----
 
@@ -438,8 +470,24 @@ class Controller:
         code: int = self._core.status
         return STATUSES[code]
 
-    def reset(self, *, pending: ArrayLike | None = None, elapsed: ArrayLike | None = None) -> None:
-        """Forget the measurements; start from known commands.
+    @property
+    def estimate(self) -> tuple[Array, Array]:
+        """The state (n,) and the loads (l,) that the latest command is based on; NaN before anything was measured."""
+        x, w = np.empty(self.plant.states), np.empty(self._rows.disturbance.shape[1])
+        if not self._core.estimate(x, w):
+            x[:], w[:] = np.nan, np.nan
+        return x, w[self.plant.disturbances :]
+
+    def reset(
+        self,
+        *,
+        pending: ArrayLike | None = None,
+        elapsed: ArrayLike | None = None,
+        estimate: ArrayLike | None = None,
+        load: ArrayLike | None = None,
+        disturbance: ArrayLike | None = None,
+    ) -> None:
+        """Forget the measurements; start from known commands, and from a known state if there is one.
 
         Parameters
         ----------
@@ -448,13 +496,19 @@ class Controller:
             `pending_steps` rows. One input: also shape (rows,). Default: the safe level.
         elapsed : float or array_like, shape (m,), optional
             Seconds since each input last switched. Default: long ago.
+        estimate : array_like, shape (n,), optional
+            State one period before the next step, as the property `estimate` tells it. Default: the first measurement,
+            with an estimator the state at rest there.
+        load, disturbance : array_like, shape (l,) and (p,), optional
+            Loads and measured disturbance at that instant. Default: zero.
 
         Raises
         ------
         ValueError
-            If a row is missing, is not an allowed command, or a time is negative.
+            If a row is missing, is not an allowed command, a time is negative, or a shape does not fit.
         """
         m, depth = self.plant.inputs, self.pending_steps + 1
+        known = self._known(estimate, load, disturbance)
         line = np.array([self._safe] * depth, dtype=np.uint8)
         if pending is not None:
             values = _check.array("pending", pending)
@@ -479,14 +533,36 @@ class Controller:
             for j in range(m):
                 wait[j] = _check.periods(self._dwell_seconds[j][line[-1, j]] - since[j], self.Ts)
         self._core.preload(line.ravel(), wait)
+        if known is not None:
+            self._core.start(*known)
+
+    def _known(
+        self, estimate: ArrayLike | None, load: ArrayLike | None, disturbance: ArrayLike | None
+    ) -> tuple[Any, Any] | None:
+        """A known state, and the disturbances with the loads behind them, as the core takes them."""
+        p = self.plant.disturbances
+        loads = self._rows.disturbance.shape[1] - p
+        if estimate is None:
+            for name, value in (("load", load), ("disturbance", disturbance)):
+                if value is not None:
+                    raise ValueError(f"{name} is {value!r} without a state; give estimate too")
+            return None
+        x = _check.array("estimate", estimate, (self.plant.states,))
+        w = [
+            np.zeros(size) if value is None else _check.array(name, np.atleast_1d(np.asarray(value)), (size,))
+            for name, value, size in (("disturbance", disturbance, p), ("load", load, loads))
+        ]
+        real = REALS[self.real]
+        return x.astype(real), np.concatenate(w).astype(real)
 
     def step(self, x: ArrayLike, reference: ArrayLike, *, disturbance: ArrayLike | None = None) -> Array:
         """One switching period: choose and remember the command.
 
         Parameters
         ----------
-        x : array_like, shape (n,)
-            Measured state. NaN or infinity is no error: the model's prediction stands in, `status` says so.
+        x : array_like, shape (n,); with an estimator (q,)
+            Measured state, or measured outputs. NaN or infinity is no error: the model's prediction stands in, `status`
+            says so.
         reference : array_like
             Canonical shape (evaluations, q, order). Short forms, over all evaluations: a scalar;
             1-D, (order,) for one output, else (q,); 2-D, (q, order). Missing derivatives are zero.
@@ -546,8 +622,8 @@ class Controller:
 
     def _canonical(self, x: ArrayLike, reference: ArrayLike, disturbance: ArrayLike | None) -> tuple[Array, Array, Any]:
         """Arguments in the one form the core takes, or a ValueError."""
-        n, p = self.plant.states, self.plant.disturbances
-        state = _check.vector("x", x, n, "measured state")
+        p = self.plant.disturbances
+        state = _check.vector("x", x, *self._measured)
         w = np.zeros(p) if disturbance is None else _check.vector("disturbance", disturbance, p, "measured disturbance")
         return state, canonical_reference(reference, self.plant.outputs, self.order), w
 
@@ -605,6 +681,9 @@ class Controller:
         lines.append(f"reference  value and {self.order - 1} derivative(s), sampled at t_k + {at} s")
         lag = ", ".join(f"{v:.4g}" for v in np.ravel(self.lag))
         gain = ", ".join(f"{v:.4g}" for v in np.diag(np.atleast_2d(self.dc_gain)))
+        if self.kalman:
+            slowest = abs(self.kalman.poles[0])
+            lines.append(f"estimator  Kalman, {self.kalman.loads} load(s), slowest pole {slowest:.4g}")
         lines.append(f"loop       lag {lag} s, DC gain {gain}, {self.real}")
         return tree("Controller", lines)
 

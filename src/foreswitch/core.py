@@ -79,10 +79,10 @@ def _callbacks(plant: SteppedPlant, edges: Array, Ts: float) -> tuple[Any, Any]:
 
 
 def core_sensor(
-    real: str, states: int, measured: int, matrix: Array | None, deviation: Array | None, what: Hardware, Ts: float
+    real: str, seen: int, measured: int, matrix: Array | None, deviation: Array | None, what: Hardware, Ts: float
 ) -> Any:
-    """What stands between the plant's state and the law; None if nothing does."""
-    quantum = _check.per("quantum", what.quantum, measured, "measured state")
+    """What stands between the plant's state or output and the law; None if nothing does."""
+    quantum = _check.per("quantum", what.quantum, measured, "measured value")
     low, high = hardware.sensor_range(what, measured)
     lost = what.missing > 0 or what.late > 0 or len(what.outages) > 0
     limited = quantum.any() or np.isfinite(low).any() or np.isfinite(high).any()
@@ -90,4 +90,4 @@ def core_sensor(
         return None
     outages = np.array([[hardware.period(t, Ts) for t in window] for window in what.outages], dtype=np.uint64)
     arrays = (matrix, deviation, quantum, low, high, outages if len(outages) else None)
-    return CORES[real].Sensor(measured, states, float(what.missing), what.late / Ts, arrays)
+    return CORES[real].Sensor(measured, seen, float(what.missing), what.late / Ts, arrays)

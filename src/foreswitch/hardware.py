@@ -139,7 +139,7 @@ def stuck_periods(stuck: Sequence[Stuck], Ts: float, inputs: int) -> tuple[tuple
 
 
 def sensor_range(what: Hardware, measured: int) -> tuple[Array, Array]:
-    """Lowest and highest reading of each measured state.
+    """Lowest and highest reading of each measured value.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def sensor_range(what: Hardware, measured: int) -> tuple[Array, Array]:
     limits = [np.asarray(value, dtype=np.float64) for value in (what.low, what.high)]
     for name, value in zip(("low", "high"), limits, strict=True):
         if value.shape not in ((), (measured,)):
-            raise ValueError(f"{name} has shape {value.shape}; give one number or one per measured state ({measured})")
+            raise ValueError(f"{name} has shape {value.shape}; give one number or one per measured value ({measured})")
     low, high = (np.broadcast_to(value, (measured,)).copy() for value in limits)
     return low, high
 

@@ -29,6 +29,7 @@ class Law(Protocol):
     plant: Plant
     Ts: float
     levels: list[Array]
+    estimator: Any
     _safe: list[int]
     _core: Any
 
@@ -120,7 +121,7 @@ def simulate(
     x0 : array_like, shape (n,), optional
         Its initial state. Default: zero.
     noise : float or array_like, shape (n,), optional
-        Standard deviation of what the controller measures: all states, or each.
+        Standard deviation of what the controller measures: all states, or each; with an estimator the outputs, (q,).
     disturbance : array_like or callable, optional
         w, of which the controller is told: constant (p,), samples (K, p), or ``(t, x) -> w``.
     load : array_like or callable, optional
@@ -129,7 +130,7 @@ def simulate(
         Of all that is random. Without one, each run differs.
     sensor : array_like, shape (n_model, n), optional
         What the controller measures of the truth's state, where its order differs. Default: the state of
-        the model with the same outputs and derivatives.
+        the model with the same outputs and derivatives. With an estimator it measures the truth's outputs.
     hardware : Hardware, optional
         What real actuators and sensors add.
 
@@ -187,10 +188,11 @@ class Loop:
         self.w = _rows("disturbance", disturbance, self.steps, truth.disturbances)
         self.extra = None if load is None else _rows("load", load, self.steps, truth.inputs)
         self.matrix = self._matrix(sensor)
-        deviation = None
-        if noise is not None:
-            deviation = _check.per("noise", noise, model.states, "measured state", least=0.0)
-        self.sensor = core_sensor(controller.real, truth.states, model.states, self.matrix, deviation, hardware, Ts)
+        seen, measured, what = truth.states, model.states, "measured state"
+        if controller.estimator is not None:
+            seen, measured, what = truth.outputs, truth.outputs, "measured output"
+        deviation = None if noise is None else _check.per("noise", noise, measured, what, least=0.0)
+        self.sensor = core_sensor(controller.real, seen, measured, self.matrix, deviation, hardware, Ts)
         self.hardware = hardware
         self._rig: tuple[Any, ...] | None = None
         if hardware.acts or isinstance(truth, SteppedPlant):
@@ -203,6 +205,10 @@ class Loop:
 
     def _matrix(self, sensor: ArrayLike | None) -> Array | None:
         model, truth = self.controller.plant, self.truth
+        if self.controller.estimator is not None:
+            if sensor is not None:
+                raise ValueError("sensor is given, but the controller measures the plant's outputs; put it into C")
+            return None
         if sensor is not None:
             return np.ascontiguousarray(_check.matrix("sensor", sensor, model.states, truth.states))
         if isinstance(truth, Plant):
@@ -246,7 +252,10 @@ class Loop:
         if callable(self.load) and extra is not None:
             extra = extra.copy()
         cost, nodes, status = np.zeros(steps), np.zeros(steps, dtype=np.uint32), np.zeros(steps, dtype=np.uint8)
-        arrays = (self.told, w, extra, x, y, u, cost, nodes, status)
+        model, hat = law.plant.states, None
+        if law.estimator is not None:
+            hat = np.empty((steps, model + law.kalman.loads))
+        arrays = (self.told, w, extra, x, y, u, cost, nodes, status, hat)
         body, go = self.body(), CORES[law.real].run
         if callable(self.disturbance) or callable(self.load):
             for k in range(steps):
@@ -257,7 +266,8 @@ class Loop:
                 go(law._core, body, self.sensor, seed, steps, history, arrays, k, k + 1)
         else:
             go(law._core, body, self.sensor, seed, steps, history, arrays, 0, steps)
-        return Run(self.t, x, y, u[history:], self.wanted, w, cost, nodes, status, self.truth, self.safe)
+        hats = (None, None) if hat is None else (hat[:, :model], hat[:, model:])
+        return Run(self.t, x, y, u[history:], self.wanted, w, cost, nodes, status, self.truth, self.safe, *hats)
 
 
 def checked_seed(seed: int | None) -> int:

@@ -31,7 +31,7 @@ class Precision:
     first : int or None
         The first such period.
     decisions : int
-        Decisions compared on the same states, references and past commands: those of the float64 run.
+        Decisions compared on the same measurements, references and past commands: those of the float64 run.
     decisions_differing : ndarray, shape (D,)
         Periods in which these decisions differ.
     gaps : ndarray, shape (D,)
@@ -88,22 +88,24 @@ def compare_precision(
     double, single = runs["float64"], runs["float32"]
     unlike = np.flatnonzero((double.u != single.u).any(axis=1))
 
-    # replay: both cores are shown the states of the float64 run, and remember the float64 core's commands
+    # replay: both cores are shown the states or outputs of the float64 run, and remember the float64 core's commands
     loop, law, other = loops["float64"], laws["float64"], laws["float32"]
-    states = double.x[:-1] if loop.matrix is None else double.x[:-1] @ loop.matrix.T
+    seen = double.x[:-1] if controller.estimator is None else double.y[:-1]
+    shown = seen if loop.matrix is None else seen @ loop.matrix.T
     told = loop.told.reshape(loop.steps, 1, law.plant.outputs, law.order)
     differing, gaps, spreads = [], [], np.zeros(loop.steps)
     for k in range(loop.steps):
         w = double.w[k] if law.plant.disturbances else None
-        exact = law.decide(states[k], told[k], disturbance=w)
+        exact = law.decide(shown[k], told[k], disturbance=w)
         spreads[k] = np.ptp(exact.costs[np.isfinite(exact.costs)])
-        other._core.preload(*(np.frombuffer(law._core.line(), np.uint8), np.frombuffer(law._core.wait(), np.uint32)))
-        u = other.decide(states[k], told[k], disturbance=w).u
+        issued = np.frombuffer(law._core.line(), np.uint8), np.frombuffer(law._core.wait(), np.uint32)
+        other._core.preload(*issued, True)
+        u = other.step(shown[k], told[k], disturbance=w)
         if (u != exact.u).any():
             chosen = np.flatnonzero((exact.candidates == u).all(axis=1))[0]
             differing.append(k)
             gaps.append(exact.costs[chosen] - exact.cost)
-        law.step(states[k], told[k], disturbance=w)
+        law.step(shown[k], told[k], disturbance=w)
     # a decision between two commands is about nothing but its gap: only the other decisions tell whether that is small
     free = spreads[spreads > 0]  # of those that dwell leaves open
     about = float(np.median(free)) if free.size else 1.0

@@ -17,6 +17,7 @@ from foreswitch._check import Array
 from foreswitch._text import nearest
 from foreswitch.baselines import Baseline, Tuned, tune
 from foreswitch.controller import Controller
+from foreswitch.estimator import Kalman
 from foreswitch.hardware import Hardware, Stuck
 from foreswitch.loop import Law, simulate
 from foreswitch.objective import Endpoint
@@ -134,6 +135,22 @@ class ControllerTable(Table):
     real: Literal["float64", "float32"] = Key("float64", description="arithmetic of the core")
 
 
+class EstimatorTable(Table):
+    """[estimator]"""
+
+    process_noise: float | Vector | Matrix = Key(
+        description="variance that each state gathers in one period, or the covariance matrix [unit of x, squared]"
+    )
+    measurement_noise: float | Vector | Matrix = Key(
+        description="variance of each measured output, or the covariance matrix [unit of y, squared]"
+    )
+    load: float | Vector | None = Key(
+        None, description="variance that an unknown constant input gathers in one period, 0 for none; default none"
+    )
+    gate: float = Key(6.0, description="innovations beyond so many standard deviations are outliers; 0: none are")
+    gate_limit: int = Key(3, description="outliers in a row that are not used")
+
+
 class ReferenceTable(Choice):
     """[reference], or [[reference]] for each output"""
 
@@ -239,7 +256,9 @@ class SimulationTable(Table):
 
     duration: float = Key(description="length of the run [s]")
     x0: Vector | None = Key(None, description="initial state; default zero")
-    noise: float | Vector | None = Key(None, description="standard deviation of the measured states")
+    noise: float | Vector | None = Key(
+        None, description="standard deviation of the measured states, with an [estimator] of the outputs"
+    )
     seed: int | None = Key(None, description="of the noise; without one, each run differs")
     disturbance: float | Vector | Valve | list[ReferenceTable] | None = Key(
         None,
@@ -257,6 +276,7 @@ class File(Table):
     plant: PlantTable
     actuator: ActuatorTable
     controller: ControllerTable
+    estimator: EstimatorTable | None = None
     reference: ReferenceTable | list[ReferenceTable]
     simulation: SimulationTable
 
@@ -345,14 +365,15 @@ class Project:
         Parameters
         ----------
         **changes
-            ``plant``, any key of [actuator] or [controller].
+            ``plant``, ``estimator``, any key of [actuator] or [controller].
 
         Returns
         -------
         Controller
         """
-        actuator, controller = self.file.actuator, self.file.controller
+        actuator, controller, estimator = self.file.actuator, self.file.controller, self.file.estimator
         settings = actuator.model_dump() | controller.model_dump() | {"plant": self.plant}
+        settings["estimator"] = Kalman(**estimator.model_dump()) if estimator else None
         unknown = sorted(changes.keys() - settings.keys())
         if unknown:
             raise ValueError(f"{unknown[0]!r} is no setting of a controller; {nearest(unknown[0], settings)}")
@@ -493,6 +514,7 @@ SUBTABLES: dict[str, type[Table]] = {
     "plant": PlantTable,
     "actuator": ActuatorTable,
     "controller": ControllerTable,
+    "estimator": EstimatorTable,
     "reference": ReferenceTable,
     "simulation": SimulationTable,
     "hardware": HardwareTable,

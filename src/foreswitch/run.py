@@ -49,6 +49,8 @@ class Run:
         The simulated truth.
     safe_level : ndarray, shape (m,)
         The level at which each input counts as off.
+    x_hat, load_hat : ndarray, shape (K, n_model) and (K, l), or None
+        The estimator's state and loads, on which the command of that row is based; NaN before the first measurement.
     """
 
     t: Array
@@ -62,6 +64,8 @@ class Run:
     status: np.ndarray[Any, np.dtype[np.uint8]]
     plant: Plant | SteppedPlant
     safe_level: Array
+    x_hat: Array | None = None
+    load_hat: Array | None = None
 
     @property
     def Ts(self) -> float:
@@ -102,7 +106,7 @@ class Run:
         }
 
     def columns(self) -> dict[str, Array]:
-        """Time, reference, output, command, cost and status by column name; the last row repeats the last command.
+        """Time, reference, output, command, state, estimates, cost, status by name; the last row repeats the last command.
 
         Returns
         -------
@@ -132,6 +136,9 @@ class Run:
             add(f"x{i + 1}", self.x[:, i])
         for i in range(self.w.shape[1]):
             add(f"w{i + 1}", extended(self.w[:, i]))
+        for name, estimates in (("x", self.x_hat), ("load", self.load_hat)):
+            for i in range(0 if estimates is None else estimates.shape[1]):
+                add(f"{name}{i + 1} estimated", extended(estimates[:, i]))
         add("cost", extended(self.cost))
         add("status", extended(self.status))
         return table

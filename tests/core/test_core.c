@@ -54,6 +54,9 @@ static fsw_design design_from(const json *file)
         .rows = size(j, "rows"),
         .candidates = size(j, "candidates"),
         .bad_limit = size(j, "bad_limit"),
+        .measured = size(j, "measured"),
+        .loads = size(j, "loads"),
+        .gate_limit = size(j, "gate_limit"),
         .level_count = list_uint8_t(j, "level_count"),
         .levels = list_fsw_real(j, "levels"),
         .candidate = list_uint8_t(j, "candidate"),
@@ -78,6 +81,12 @@ static fsw_design design_from(const json *file)
         .model_new = list_fsw_real(j, "model_new"),
         .model_w = list_fsw_real(j, "model_w"),
         .model_c = list_fsw_real(j, "model_c"),
+        .gain = list_fsw_real(j, "gain"),
+        .output_row = list_fsw_real(j, "output_row"),
+        .output_offset = list_fsw_real(j, "output_offset"),
+        .start_row = list_fsw_real(j, "start_row"),
+        .start_offset = list_fsw_real(j, "start_offset"),
+        .gate = list_fsw_real(j, "gate"),
     };
     return design;
 }

@@ -20,11 +20,15 @@ sys.path.insert(0, str(HERE.parent))
 import foreswitch as fsw  # noqa: E402
 from oracle import Law  # noqa: E402
 
-SIZES = ["states", "inputs", "outputs", "disturbances", "order", "rows", "candidates", "bad_limit"]
+SIZES = [
+    "states", "inputs", "outputs", "disturbances", "order", "rows", "candidates", "bad_limit", "measured", "loads",
+    "gate_limit",
+]  # fmt: skip
 ARRAYS = [
     "level_count", "pending", "holds", "exact_levels", "levels", "candidate", "safe", "state_row", "disturbance_row",
     "offset", "reference_row", "half_weight", "pending_table", "hold_row", "total_row", "rest_reference",
     "rest_disturbance", "rest_offset", "dwell", "switch_cost", "model_x", "model_old", "model_new", "model_w", "model_c",
+    "gain", "output_row", "output_offset", "start_row", "start_offset", "gate",
 ]  # fmt: skip
 
 PAPER = {

@@ -17,7 +17,7 @@ MODULES = sorted(path.stem for path in SOURCE.glob("*.py"))
 # Data flows one way: a module may import from rows above its own, never from its own row or below.
 ORDER = [
     {"plant"},
-    {"prediction", "reference", "objective", "nonlinear", "plot"},
+    {"prediction", "reference", "objective", "nonlinear", "plot", "estimator"},
     {"hardware"},
     {"core"},
     {"controller", "run"},

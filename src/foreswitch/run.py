@@ -137,8 +137,8 @@ class Run:
         for i in range(self.w.shape[1]):
             add(f"w{i + 1}", extended(self.w[:, i]))
         for name, estimates in (("x", self.x_hat), ("load", self.load_hat)):
-            for i in range(0 if estimates is None else estimates.shape[1]):
-                add(f"{name}{i + 1} estimated", extended(estimates[:, i]))
+            for i, column in enumerate([] if estimates is None else estimates.T):
+                add(f"{name}{i + 1} estimated", extended(column))
         add("cost", extended(self.cost))
         add("status", extended(self.status))
         return table

@@ -84,6 +84,10 @@ def test_python_takes_the_same_steps(path, real):
         decision = controller.decide(*arguments, **given)
         assert controller.step(*arguments, **given).tolist() == step["u"] == decision.u.tolist(), k
         assert controller.status.name == step["status"] == decision.status.name, k
+        if step.get("estimate") is not None:
+            tolerance = 1e-9 if real == "float64" else 1e-3
+            expected = np.array(step["estimate"])
+            assert np.concatenate(controller.estimate) == pytest.approx(expected, rel=tolerance, abs=tolerance), k
         if step["costs"] is not None:
             costs = np.array(number(step["costs"]))
             largest = costs[np.isfinite(costs)].max()
@@ -170,7 +174,7 @@ def test_the_core_calls_nothing_and_owns_no_writable_data(objects):
         assert undefined <= {"memcpy", "memset", "memmove", "memcmp"}, name
         assert not [symbol for kind, symbol in found if kind in "bBdDcCsS"], name
         public = {symbol for kind, symbol in found if kind == "T"}
-        assert public >= {"fsw_init", "fsw_preload", "fsw_issued", "fsw_decide", "fsw_step"}, name
+        assert public >= {"fsw_init", "fsw_preload", "fsw_start", "fsw_issued", "fsw_decide", "fsw_step"}, name
         assert all(symbol.startswith("fsw_") for symbol in public), name
 
 

@@ -234,12 +234,26 @@ def _hidden(A: Array, C: Array, pole: complex) -> bool:
 
 def _gain(A: Array, C: Array, Q: Array, R: Array) -> tuple[Array, Array]:
     """Gain of the present correction, and the innovation's covariance."""
+    unit = _spread(A, C, Q, R)  # of each state: the solver is exact where all covariances are of one size
+    root = np.linalg.cholesky(R)
+    seen = np.linalg.solve(root, C * unit)
     try:
-        P = solve_discrete_are(A.T, C.T, Q, R)
+        P = solve_discrete_are((A / unit[:, None] * unit).T, seen.T, Q / np.outer(unit, unit), np.eye(len(R)))
     except (np.linalg.LinAlgError, ValueError):
         raise ValueError(
             "process_noise leads to no steady filter; give every state that does not decay a variance that is not 0 "
             "nor very small beside measurement_noise"
         ) from None
-    S = C @ P @ C.T + R
-    return np.linalg.solve(S, C @ P).T, 0.5 * (S + S.T)
+    S = seen @ P @ seen.T + np.eye(len(R))
+    gain = unit[:, None] * np.linalg.solve(root.T, np.linalg.solve(S, seen @ P)).T
+    return gain, root @ (0.5 * (S + S.T)) @ root.T
+
+
+def _spread(A: Array, C: Array, Q: Array, R: Array) -> Array:
+    """About how uncertain each state is: the deviations after as many steps of the filter as a load needs to spread."""
+    P = Q
+    for _ in range(20 * len(A)):
+        P = P - P @ C.T @ np.linalg.solve(C @ P @ C.T + R, C @ P)
+        P = A @ P @ A.T + Q
+    deviation = np.sqrt(np.maximum(np.diag(P), 0.0))
+    return np.where(deviation > 0, deviation, 1.0)

@@ -82,12 +82,18 @@ static json *json_file(const char *path)
     return json_read(&at);
 }
 
-static const json *json_get(const json *object, const char *key)
+static const json *json_find(const json *object, const char *key)
 {
     for (const json *item = object->first; item; item = item->next)
         if (item->key && strcmp(item->key, key) == 0) return item;
-    json_fail("no entry", key);
     return NULL;
+}
+
+static const json *json_get(const json *object, const char *key)
+{
+    const json *item = json_find(object, key);
+    if (!item) json_fail("no entry", key);
+    return item;
 }
 
 /* All numbers of a list, nested or not, to `to`; returns how many, and only counts where `to` is null. */

@@ -130,6 +130,21 @@ static void check_costs(const json *expected, const fsw_real *costs, unsigned st
     }
 }
 
+/* The estimate [x; load], where the file has one. */
+static void check_estimate(const json *expected, const fsw_design *d, const fsw_state *state, unsigned step)
+{
+    if (!expected || expected->kind == JSON_NULL) return;
+    const double tolerance = sizeof(fsw_real) == sizeof(double) ? 1e-9 : 1e-3;
+    uint16_t i = 0;
+    for (const json *e = expected->first; e; e = e->next, i++) {
+        const uint16_t load = (uint16_t)(d->disturbances - d->loads + i - d->states);
+        const double value = (double)(i < d->states ? state->x[i] : state->w[load]);
+        CHECK(fabs(value - e->number) <= tolerance * (1 + fabs(e->number)), "step %u, entry %u: %g, not %g", step,
+              (unsigned)i, value, e->number);
+    }
+    CHECK(i == d->states + d->loads, "step %u: %u entries", step, (unsigned)i);
+}
+
 static void golden(const json *file)
 {
     static fsw_state state, before;
@@ -153,6 +168,7 @@ static void golden(const json *file)
         CHECK(planned.status == taken.status && planned.candidate == taken.candidate && planned.nodes == taken.nodes &&
                   !(planned.cost < taken.cost) && !(planned.cost > taken.cost),
               "step %u: decide foretold otherwise", step);
+        check_estimate(json_find(s, "estimate"), &d, &state, step);
         for (uint16_t j = 0; j < d.inputs; j++) {
             CHECK(!(u[j] < expected[j]) && !(u[j] > expected[j]), "step %u, input %u: %g, not %g", step, (unsigned)j,
                   (double)u[j], (double)expected[j]);
@@ -326,6 +342,8 @@ static void refused_designs(const fsw_design *good, fsw_state *state)
     REFUSED(pending, late, FSW_INCONSISTENT);
     REFUSED(holds, zero, FSW_INCONSISTENT);
     REFUSED(dwell, never, FSW_INCONSISTENT);
+    REFUSED(measured, 1, FSW_INCONSISTENT);
+    REFUSED(loads, 1, FSW_INCONSISTENT);
     CHECK(fsw_init(good, state) == FSW_VALID, "the good one");
 }
 
@@ -338,6 +356,58 @@ static void refused_line(const fsw_design *good, fsw_state *state)
     CHECK((uint32_t)d.rows * d.inputs <= FSW_MAX_LINE || fsw_init(&d, state) == FSW_TOO_LARGE, "rows");
 }
 
+/* ---- Estimation: an output is measured ---- */
+
+static void refused_estimators(const fsw_design *good, fsw_state *state)
+{
+    fsw_design d = *good;
+    REFUSED(measured, 0, FSW_INCONSISTENT);
+    REFUSED(measured, FSW_MAX_OUTPUTS + 1, FSW_TOO_LARGE);
+    REFUSED(loads, (uint16_t)(good->disturbances + 1), FSW_INCONSISTENT);
+    REFUSED(gate_limit, 256, FSW_INCONSISTENT);
+    CHECK(fsw_init(good, state) == FSW_VALID, "the good one");
+}
+
+static fsw_status step_output(const fsw_design *d, fsw_state *state, fsw_real y, fsw_real *u)
+{
+    const fsw_real reference[] = {1000, 0};
+    return fsw_step(d, state, &y, reference, NULL, u).status;
+}
+
+/* One output, one load: a jump is refused as often as the gate says, in between a sample is missing. */
+static void outliers(const fsw_design *d, fsw_state *state)
+{
+    static fsw_state ahead;
+    fsw_real u;
+    CHECK(fsw_init(d, state) == FSW_VALID, "init");
+    CHECK(step_output(d, state, 100, &u) == FSW_OK && state->primed, "the first");
+    for (uint16_t i = 0; i < d->gate_limit; i++) {
+        CHECK(step_output(d, state, 900, &u) == FSW_COASTING && state->outliers == i + 1, "outlier %u", (unsigned)i);
+        CHECK(step_output(d, state, (fsw_real)NAN, &u) == FSW_COASTING && state->outliers == i + 1, "NaN counts as none");
+    }
+    CHECK(step_output(d, state, 900, &u) == FSW_OK && state->outliers == d->gate_limit, "one too many");
+    CHECK(state->x[0] > 150, "%g", (double)state->x[0]);
+    ahead = *state;
+    CHECK(step_output(d, &ahead, (fsw_real)NAN, &u) == FSW_COASTING, "a look ahead");
+    CHECK(step_output(d, state, ahead.x[0], &u) == FSW_OK && state->outliers == 0, "inside again");
+}
+
+static void known_start(const fsw_design *d, fsw_state *state)
+{
+    static fsw_state other;
+    const fsw_real x[] = {500, 100}, bad[] = {500, (fsw_real)INFINITY}, load[] = {(fsw_real)-0.1};
+    fsw_real u, v;
+    CHECK(fsw_init(d, state) == FSW_VALID, "init");
+    const fsw_state before = *state;
+    CHECK(fsw_start(d, state, bad, load) == FSW_INCONSISTENT && same_state(d, state, &before), "an infinite state");
+    CHECK(fsw_start(d, state, x, bad + 1) == FSW_INCONSISTENT && same_state(d, state, &before), "an infinite load");
+    CHECK(fsw_start(d, state, x, load) == FSW_VALID, "a known state");
+    CHECK(step_output(d, state, (fsw_real)NAN, &u) == FSW_COASTING, "open loop from there");
+    CHECK(fsw_init(d, &other) == FSW_VALID && fsw_start(d, &other, x, load) == FSW_VALID, "again");
+    CHECK(step_output(d, &other, (fsw_real)NAN, &v) == FSW_COASTING && same_state(d, state, &other), "twice the same");
+    CHECK(IS(state->w[0], load[0]), "load %g", (double)state->w[0]);
+}
+
 int main(int count, char **arguments)
 {
     static fsw_state state;
@@ -346,7 +416,12 @@ int main(int count, char **arguments)
         subject = arguments[i];
         golden(file);
         const fsw_design d = design_from(file);
-        if (d.states != 2 || d.inputs != 1 || d.disturbances != 0 || d.rows != 6) continue;
+        if (d.gain) refused_estimators(&d, &state);
+        if (d.gain && d.states == 2 && d.loads == 1 && d.measured == 1) {
+            outliers(&d, &state);
+            known_start(&d, &state);
+        }
+        if (d.gain || d.states != 2 || d.inputs != 1 || d.disturbances != 0 || d.rows != 6) continue;
         bad_values(&d, &state);
         denormal_values(&d, &state);
         restart(&d, &state);

@@ -18,6 +18,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
 import foreswitch as fsw  # noqa: E402
+from kalman_oracle import Estimator, riccati_gain, usable  # noqa: E402
 from oracle import Law  # noqa: E402
 
 SIZES = [
@@ -91,15 +92,46 @@ CASES = {
         "reference": lambda t: [[40.0]],
     },
 }  # fmt: skip
+CASES |= {
+    "outputs": {
+        "about": "From the pressure alone, with a leak: a start in motion, spikes, samples missing, a jump that stays.",
+        "problem": PAPER | {
+            "estimator": {"process_noise": [0.0, 1e4], "measurement_noise": [4.0], "load": [1e-4], "gate": 6.0,
+                          "gate_limit": 2},
+        },
+        "bad_limit": 6,
+        "x": [470.0, 2000.0],
+        "noise": lambda k: [2.0 * np.cos(7.0 * k) + (300.0 if k in (6, 7) else 90.0 if k >= 12 else 0.0)],
+        "load": [-0.1],
+        "reference": lambda t: [[500.0 + 500.0 * np.sin(2 * np.pi * t), 1000.0 * np.pi * np.cos(2 * np.pi * t)]],
+        "bad": {0: [nan], 4: [inf], 10: [-1e300]},
+    },
+    "two_outputs": {
+        "about": "Two outputs, one load, a measured disturbance that is missing now and then, no gate.",
+        "problem": TWO_INPUTS | {
+            "estimator": {"process_noise": [1e-3, 1e-3, 4e-3], "measurement_noise": [1e-3, 4e-3], "load": [0.0, 1e-3],
+                          "gate": 0.0, "gate_limit": 3},
+        },
+        "pending": [(0.0, 0.0), (1.0, -1.0), (1.0, 0.0), (0.0, 2.0)],
+        "noise": lambda k: [0.03 * np.cos(7.0 * k), 0.05 * np.sin(9.0 * k)],
+        "load": [0.0, 0.3],
+        "reference": lambda t: [[0.8 + 0.5 * np.sin(3.0 * t)], [0.4 * np.cos(2.0 * t)]],
+        "w": lambda t: [0.3 * np.sin(5.0 * t)],
+        "bad": {7: [0.5, nan], 15: [inf, inf]},
+        "bad_w": {3: [nan], 15: [nan], 16: [-inf]},
+    },
+}  # fmt: skip
 STEPS = 24
 
 
 class Watch:
     """What is used in place of a measurement, and which status that is; theory.md section 8."""
 
-    def __init__(self, bad_limit, states, disturbances):
-        self.limit, self.bad, self.expected = bad_limit, 0, None
-        self.x, self.w = np.zeros(states), np.zeros(disturbances)
+    loads = 0
+
+    def __init__(self, law, bad_limit):
+        self.law, self.limit, self.bad, self.expected, self.known = law, bad_limit, 0, None, False
+        self.x, self.w = np.zeros(law.n), np.zeros(law.E.shape[1])
 
     def observe(self, x, w):
         """Status and the x and w to predict with."""
@@ -109,7 +141,7 @@ class Watch:
         else:
             status = "COASTING"
         if all(map(usable, x)):
-            self.x = np.array(x, float)
+            self.x, self.known = np.array(x, float), True
         elif self.expected is None:
             status = "HELD"
         else:
@@ -117,14 +149,14 @@ class Watch:
         self.bad = 0 if status == "OK" else self.bad + 1
         return "SAFE" if self.limit and self.bad >= self.limit else status
 
-    def advance(self, law, u, held):
+    @property
+    def disturbance(self):
+        return self.w
+
+    def advance(self, u):
         """The state expected at the next instant, once anything has been measured."""
-        if not held:
-            self.expected = law.state_after(law.Ts, self.x, self.w, u, [1] * law.m, u)
-
-
-def usable(value):
-    return isfinite(value) and abs(value) <= 1e30
+        if self.known:
+            self.expected = self.law.state_after(self.law.Ts, self.x, self.w, u, [1] * self.law.m, u)
 
 
 def complete(problem):
@@ -148,6 +180,8 @@ def controller(case, real="float64"):
     options = {name: p[name] for name in ("min_on", "min_off", "switch_cost", "forbidden")}
     if case["bad_limit"]:
         options |= {"safe_level": p["safe"], "bad_limit": case["bad_limit"]}
+    if "estimator" in p:
+        options["estimator"] = fsw.Kalman(**p["estimator"])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         result = fsw.Controller(plant, p["levels"], p["Ts"], objective, real=real, **options)
@@ -171,10 +205,26 @@ def decided(costs):
 
 
 def started(case):
-    """The transcription of a case, as it starts."""
-    law = Law(**complete(case["problem"]))
+    """The transcription of a case, as it starts, and what it knows of the state."""
+    problem = complete(case["problem"])
+    estimator = problem.pop("estimator", None)
+    if estimator:
+        loaded = np.array(problem["B"])[:, np.array(estimator["load"]) > 0]
+        problem["E"] = np.hstack([problem["E"], loaded])
+    law = Law(**problem)
     law.reset(case["pending"], case["elapsed"])
-    return law
+    if not estimator:
+        return law, Watch(law, case["bad_limit"])
+    n, loads = law.n, loaded.shape[1]
+    Phi, _, Gamma_w = law.constant_input(law.Ts)
+    A = np.block([[Phi, Gamma_w[:, Gamma_w.shape[1] - loads :]], [np.zeros((loads, n)), np.eye(loads)]])
+    variances = [*estimator["process_noise"], *(v for v in estimator["load"] if v)]
+    gain, innovation = riccati_gain(
+        A, np.hstack([law.C, np.zeros((law.q, loads))]), np.diag(variances), np.diag(estimator["measurement_noise"])
+    )
+    assert law.q == 1 or not estimator["gate"], "with several outputs the gate is wider"
+    limits = estimator["gate"] ** 2, estimator["gate_limit"], case["bad_limit"]
+    return law, Estimator(law, loads, gain, innovation, *limits)
 
 
 def line(law, rows):
@@ -183,15 +233,17 @@ def line(law, rows):
     return [levels.index(value) for command in history for levels, value in zip(law.levels, command, strict=True)]
 
 
-def steps(case, law):
-    """Inputs and expectations, the plant being the model."""
-    watch = Watch(case["bad_limit"], law.n, law.E.shape[1])
+def steps(case, law, watch):
+    """Inputs and expectations, the plant being the model but for the loads."""
+    estimates = "estimator" in case["problem"]
+    loads = np.array(case.get("load", []))[np.array(case["problem"]["estimator"]["load"]) > 0] if estimates else []
     x = np.array(case.get("x", [0.0] * law.n))
     for k in range(STEPS):
         t = k * law.Ts
         w = np.array(case["w"](t) if "w" in case else [], float)
         reference = np.array(case["reference"](t), float)
-        shown, shown_w = case.get("bad", {}).get(k, x.tolist()), case.get("bad_w", {}).get(k, w.tolist())
+        measured = law.C @ x + law.y_offset + case["noise"](k) if estimates else x
+        shown, shown_w = case.get("bad", {}).get(k, measured.tolist()), case.get("bad_w", {}).get(k, w.tolist())
         status = watch.observe(shown, shown_w)
         costs = None
         if status == "HELD":
@@ -199,15 +251,15 @@ def steps(case, law):
         elif status == "SAFE":
             u = np.array(law.safe)
         else:
-            while not decided(costs := law.costs(watch.x, watch.w, reference)):
+            while not decided(costs := law.costs(watch.x, watch.disturbance, reference)):
                 reference[0, 0] += 0.01 * max(1.0, abs(reference[0, 0]))
             u = law.candidates[law.choice(costs)]
         yield {
             "x": shown, "reference": reference.tolist(), "w": shown_w,
             "status": status, "costs": None if costs is None else costs.tolist(), "u": u.tolist(),
-        }  # fmt: skip
-        watch.advance(law, u, held=watch.expected is None and status == "HELD")
-        x = law.state_after(law.Ts, x, w, u, [1] * law.m, u)
+        } | ({"estimate": None if watch.x is None else [*watch.x, *watch.d]} if estimates else {})  # fmt: skip
+        watch.advance(u)
+        x = law.state_after(law.Ts, x, np.concatenate([w, loads]), u, [1] * law.m, u)
         law.issue(u)
 
 
@@ -217,7 +269,7 @@ def vectors():
     for name, case in CASES.items():
         case = {"bad_limit": 0, "pending": None, "elapsed": None} | case
         made = controller(case)
-        problem, law = complete(case["problem"]), started(case)
+        problem, (law, watch) = complete(case["problem"]), started(case)
         result[name] = {
             "about": case["about"],
             "problem": problem | {"E": np.asarray(problem["E"]).tolist(), "bad_limit": case["bad_limit"]},
@@ -225,7 +277,7 @@ def vectors():
             "design": design(made),
             "line": line(law, made.pending_steps + 1),
             "wait": list(law.remaining),
-            "steps": list(steps(case, law)),
+            "steps": list(steps(case, law, watch)),
         }
     return result
 

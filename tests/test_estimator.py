@@ -587,6 +587,8 @@ WASHOUT = fsw.Plant.from_tf([1.0, 0.0], [1.0, 3.0, 2.0])  # a zero at the origin
         (VALVE, ([[1.0, 0.5], [0.4, 1.0]], 1.0), "process_noise .* must be symmetric"),
         (VALVE, ([[1.0, 2.0], [2.0, 1.0]], 1.0), "process_noise .* negative eigenvalues"),
         (VALVE, ([[1.0, 2.0]], 1.0), "process_noise has shape"),
+        (VALVE, ([[1e-12, 1e-3], [1e-3, 1e4]], 1.0), "process_noise .* negative eigenvalues"),
+        (VALVE, ([[0.0, 1.0], [1.0, 1.0]], 1.0), "process_noise .* negative eigenvalues"),
         (VALVE, (nan, 1.0), "process_noise holds NaN"),
         (VALVE, (1.0, 0.0), "measurement_noise is 0.0; it must be greater than 0"),
         (VALVE, (0.0, 1.0), "process_noise"),
@@ -651,3 +653,28 @@ def test_a_double_integrator_with_a_load_has_three_poles_of_its_own():
     )
     assert law.kalman.gain.shape == (3, 1)
     assert (np.abs(law.kalman.poles) < 0.99).all()
+
+
+@given(st.integers(0, 10_000), st.sampled_from(["integrator", "half", "oscillation", "growth"]))
+def test_a_hidden_mode_that_lasts_is_refused_in_any_coordinates(seed, mode):
+    """And the same plant is taken once it shows."""
+    rng = np.random.default_rng(seed)
+    block = {"integrator": np.zeros((1, 1)), "half": np.array([[0.0, 1.0], [0.0, 0.0]]),
+             "oscillation": np.array([[0.0, 3.0], [-3.0, 0.0]]), "growth": np.array([[0.5, 3.0], [-3.0, 0.5]])}[mode]  # fmt: skip
+    k, n = len(block), len(block) + 2
+    A = np.zeros((n, n))
+    A[:k, :k], A[k:, k:] = block, [[-1.0, 5.0], [-5.0, -1.0]]
+    T = np.linalg.qr(rng.standard_normal((n, n)))[0] * 10 ** rng.uniform(-2, 2, n)
+    inverse = np.linalg.inv(T)
+    for hidden in (True, False):
+        C = np.ones((1, n))
+        if hidden:  # of a double integrator the slope alone shows: where it is does not
+            C[0, : 1 if mode == "half" else k] = 0.0
+        plant = fsw.Plant(T @ A @ inverse, T @ np.ones((n, 1)), C @ inverse)
+        estimator = fsw.Kalman(T @ T.T, 1.0)
+        if hidden:
+            with pytest.raises(ValueError, match="plant does not show its mode|no steady filter"):
+                fsw.Controller(plant, [0, 1], 0.1, fsw.Endpoint(0.2, 1.0), estimator=estimator)
+        else:
+            law = fsw.Controller(plant, [0, 1], 0.1, fsw.Endpoint(0.2, 1.0), estimator=estimator)
+            assert abs(law.kalman.poles[0]) < 0.999

@@ -1,6 +1,7 @@
 """Project files: what they say is what runs, and each mistake is one sentence."""
 
 import copy
+import re
 import tomllib
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 import foreswitch as fsw
-from foreswitch.project import HardwareTable, Project
+from foreswitch.project import EstimatorTable, HardwareTable, Project
 
 HOT_GAS = Path(__file__).parents[1] / "examples/hot_gas/project.toml"
 
@@ -220,3 +221,43 @@ def test_a_fault_of_an_input_that_is_not_there_is_named_when_it_runs(content):
     project = Project(changed(content, "simulation.hardware", {"stuck": [{"level": 1.0, "input": 1}]}))
     with pytest.raises(ValueError, match="stuck names input 1; give 0 to 0"):
         project.simulate()
+
+
+# [estimator] ----------------------------------------------------------------------------------------------------------
+
+ESTIMATOR = {"process_noise": [0.0, 1e4], "measurement_noise": 4.0, "load": 1e-6, "gate": 4.0, "gate_limit": 2}
+
+
+def test_every_key_of_the_estimator_reaches_it(content):
+    assert set(ESTIMATOR) == set(EstimatorTable.model_fields)
+    content = changed(changed(content, "simulation.seed", 3), "simulation.noise", 2.0)
+    project = Project(changed(content, "estimator", ESTIMATOR))
+    assert project.controller.estimator == fsw.Kalman(**ESTIMATOR)
+    law = project.controller.replace(estimator=fsw.Kalman(**ESTIMATOR))
+    run, expected = project.simulate(), fsw.simulate(law, project.reference, 0.6, noise=2.0, seed=3)
+    np.testing.assert_array_equal(run.x_hat, expected.x_hat)
+    needed = {name: ESTIMATOR[name] for name in ("process_noise", "measurement_noise")}
+    assert Project(changed(content, "estimator", needed)).controller.estimator == fsw.Kalman(**needed)
+    assert project.build_controller(estimator=None).kalman is None
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        (ESTIMATOR | {"gat": 3.0}, "[estimator] has an unknown key 'gat'; did you mean 'gate'?"),
+        ({"process_noise": 1.0}, "[estimator] has no key 'measurement_noise'; add it"),
+        (ESTIMATOR | {"load": "small"}, "estimator.load is 'small'; it holds: variance"),
+        (ESTIMATOR | {"load": -1.0}, "load is -1.0; variances must be at least 0"),
+    ],
+)
+def test_a_mistake_in_the_estimator_is_one_sentence(content, table, words):
+    with pytest.raises(ValueError, match=re.escape(words)):
+        Project(changed(content, "estimator", table))
+
+
+def test_baselines_do_not_estimate(content):
+    project = Project(changed(content, "estimator", ESTIMATOR))
+    with pytest.raises(ValueError, match="baselines measure the whole state"):
+        project.build_baseline(fsw.baselines.Relay)
+    with pytest.raises(ValueError, match="baselines measure the whole state"):
+        project.tune(fsw.baselines.Relay, budget=2)

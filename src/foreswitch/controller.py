@@ -17,7 +17,7 @@ from foreswitch import _check, prediction
 from foreswitch._check import Array
 from foreswitch._text import nearest, tree
 from foreswitch.core import CORES, REALS
-from foreswitch.estimator import Kalman
+from foreswitch.estimator import Kalman, load_entries, steady_filter
 from foreswitch.objective import Endpoint
 from foreswitch.plant import Plant
 
@@ -299,7 +299,7 @@ class Controller:
     def _check_sizes(self) -> None:
         """What the core can hold; before the design, which would take as long as it is large."""
         plant, core = self.plant, CORES[self.real]
-        loads = 0 if self.estimator is None else self.estimator.loads(plant).shape[1]
+        loads = 0 if self.estimator is None else load_entries(self.estimator, plant).shape[1]
         longest = float(plant.input_delay.max())
         depth = _check.periods(longest, self.Ts) + 1
         reach = min(max(map(max, self._dwell)), _check.periods(longest + self.objective.Td, self.Ts))
@@ -343,13 +343,13 @@ class Controller:
         self.kalman = None
         if self.estimator is not None:
             load_steps = self._model.disturbance[:, self.plant.disturbances :]
-            self.kalman = self.estimator.design(self.plant, self._model.transition, load_steps)
+            self.kalman = steady_filter(self.estimator, self.plant, self._model.transition, load_steps)
 
     def _with_loads(self) -> Plant:
         """The plant with its loads behind its measured disturbances, which is all that prediction has to know of them."""
         if self.estimator is None:
             return self.plant
-        return self.plant.replace(E=np.hstack([self.plant.E, self.estimator.loads(self.plant)]))
+        return self.plant.replace(E=np.hstack([self.plant.E, load_entries(self.estimator, self.plant)]))
 
     def _degrees(self) -> np.ndarray[Any, np.dtype[np.int64]]:
         given = self.objective.relative_degree

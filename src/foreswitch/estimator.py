@@ -8,6 +8,7 @@ random walk that enters as B does, after the dead time.
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,15 +19,24 @@ from foreswitch import _check
 from foreswitch._check import Array
 from foreswitch.plant import Plant
 
-__all__ = ["Filter", "Kalman"]
+__all__ = ["Filter", "Kalman", "load_entries", "steady_filter"]
 
 #: A mode is out of sight of the outputs where the smallest singular value of [s I - A; C], rows and columns of unit
 #: size, lies below this.
-OUT_OF_SIGHT = 1e-9
+OUT_OF_SIGHT = 1e-8
+#: Correlations are symmetric and positive to within this.
+ROUND_OFF = 1e-9
 #: A mode that decays slower than this share of the fastest one counts as one that does not decay.
 LASTING = 1e-9
 #: Beyond so many standard deviations the probability underflows.
 WIDEST_GATE = 30.0
+#: An error that decays less than this in a period never does.
+NEVER = 1e-10
+
+NO_FILTER = (
+    "process_noise leads to no steady filter; give every state that does not decay a variance that is not 0 nor very "
+    "small beside measurement_noise, or measure it"
+)
 
 
 @dataclass(frozen=True)
@@ -87,10 +97,12 @@ class Kalman:
                 continue
             if value.ndim > 2 or value.shape[0] != value.shape[1]:
                 raise ValueError(f"{name} has shape {value.shape}; give one variance, one each, or a square matrix")
-            size = np.abs(value).max(initial=0.0)
-            if np.abs(value - value.T).max(initial=0.0) > 1e-9 * size:
+            deviation = np.sqrt(np.abs(np.diag(value)))
+            unit = np.where(deviation > 0, deviation, 1.0)  # what is round-off must not depend on units
+            correlation = value / np.outer(unit, unit)
+            if not np.allclose(correlation, correlation.T, rtol=0, atol=ROUND_OFF):
                 raise ValueError(f"{name} is {value.tolist()}; a covariance must be symmetric")
-            if size > 0 and np.linalg.eigvalsh(value)[0] < -1e-9 * size:
+            if np.linalg.eigvalsh(correlation).min(initial=0.0) < -ROUND_OFF:
                 raise ValueError(f"{name} is {value.tolist()}; a covariance must not have negative eigenvalues")
         if self.load is not None and (_check.array("load", self.load) < 0).any():
             raise ValueError(f"load is {self.load!r}; variances must be at least 0")
@@ -98,88 +110,6 @@ class Kalman:
             raise ValueError(f"gate is {self.gate:g}; give up to {WIDEST_GATE:g} standard deviations, or 0 for none")
         if not 1 <= _check.number("gate_limit", self.gate_limit) <= 255 or self.gate_limit != int(self.gate_limit):
             raise ValueError(f"gate_limit is {self.gate_limit}; give 1 to 255 samples")
-
-    def loads(self, plant: Plant) -> Array:
-        """The entries of the loads: the columns of B whose variance is not 0, shape (n, l)."""
-        columns: Array = plant.B[:, self._load_variances(plant) > 0]
-        return columns
-
-    def design(self, plant: Plant, transition: Array, load_steps: Array) -> Filter:
-        """The filter for a plant and its model over one period.
-
-        Parameters
-        ----------
-        plant : Plant
-        transition : ndarray, shape (n, n)
-            State to state, over one period.
-        load_steps : ndarray, shape (n, l)
-            Loads to state.
-
-        Returns
-        -------
-        Filter
-
-        Raises
-        ------
-        ValueError
-            If a shape does not fit or no such filter exists.
-        """
-        n, q = plant.states, plant.outputs
-        variances = self._load_variances(plant)
-        loads = int((variances > 0).sum())
-        Q = np.zeros((n + loads, n + loads))
-        Q[:n, :n] = _covariance("process_noise", self.process_noise, n, "state")
-        Q[n:, n:] = np.diag(variances[variances > 0])
-        R = _covariance("measurement_noise", self.measurement_noise, q, "output")
-        if np.linalg.eigvalsh(R)[0] <= 1e-12 * np.abs(R).max():
-            raise ValueError(
-                f"measurement_noise is {self.measurement_noise!r}; it must be greater than 0 for each output: of a "
-                "sensor without noise, give its step squared / 12"
-            )
-        self._check_sight(plant, variances)
-        A = np.block([[transition, load_steps], [np.zeros((loads, n)), np.eye(loads)]])
-        C = np.hstack([plant.C, np.zeros((q, loads))])
-        gain, innovation = _gain(A, C, Q, R)
-        poles = eigvals(A - gain @ C @ A)
-        poles = poles[np.argsort(-np.abs(poles), kind="stable")]
-        if not (np.abs(poles) < 1.0).all():
-            raise ValueError(
-                f"process_noise is {self.process_noise!r}, which leaves no stable filter; give every state that does "
-                "not decay a greater variance"
-            )
-        M = np.block([[plant.A, plant.B], [plant.C, np.zeros((q, plant.inputs))]])
-        rest = np.linalg.pinv(M)[:n, n:]
-        beyond = gammaincc(0.5, 0.5 * self.gate**2)  # of one output; of q as improbable
-        threshold = 2.0 * float(gammainccinv(0.5 * q, beyond))
-        gate = np.linalg.inv(innovation) / threshold if self.gate > 0 else None
-        return Filter(gain, poles, innovation, rest, -rest @ plant.y_offset, gate, loads)
-
-    def _load_variances(self, plant: Plant) -> Array:
-        return _check.per("load", 0.0 if self.load is None else self.load, plant.inputs, "input")
-
-    def _check_sight(self, plant: Plant, variances: Array) -> None:
-        """Every mode that lasts must show in the outputs, and every load too."""
-        poles = plant.poles
-        for pole in poles[poles.real >= -LASTING * np.abs(poles).max()]:
-            if _hidden(plant.A, plant.C, pole):
-                at = f"{pole.real:.4g}" + (f"{pole.imag:+.4g}j" if pole.imag else "")
-                raise ValueError(
-                    f"plant does not show its mode at {at} rad/s in the outputs, and it does not decay; measure a state "
-                    "that it moves"
-                )
-        B = plant.B[:, variances > 0]
-        n, loads = B.shape
-        if loads > plant.outputs:
-            raise ValueError(
-                f"load names {loads} inputs and the plant has {plant.outputs} output(s), which cannot tell them apart; "
-                "give 0 for the others"
-            )
-        A = np.block([[plant.A, B], [np.zeros((loads, n + loads))]])
-        if loads and _hidden(A, np.hstack([plant.C, np.zeros((plant.outputs, loads))]), 0.0):
-            raise ValueError(
-                f"load is {self.load!r}, but constant loads do not show in the outputs (the plant has a zero at the "
-                "origin); give 0, or measure another output"
-            )
 
 
 @dataclass(frozen=True)
@@ -203,12 +133,70 @@ class Filter:
     """
 
     gain: Array
-    poles: np.ndarray
+    poles: np.ndarray[Any, np.dtype[np.complex128]]
     innovation: Array
     start_row: Array
     start_offset: Array
     gate: Array | None
     loads: int
+
+
+def load_entries(estimator: Kalman, plant: Plant) -> Array:
+    """How the loads enter: the columns of B whose variance is not 0, shape (n, l)."""
+    columns: Array = plant.B[:, _load_variances(estimator, plant) > 0]
+    return columns
+
+
+def steady_filter(estimator: Kalman, plant: Plant, transition: Array, load_steps: Array) -> Filter:
+    """The filter for a plant and its model over one period.
+
+    Parameters
+    ----------
+    estimator : Kalman
+    plant : Plant
+    transition : ndarray, shape (n, n)
+        State to state, over one period.
+    load_steps : ndarray, shape (n, l)
+        Loads to state.
+
+    Returns
+    -------
+    Filter
+
+    Raises
+    ------
+    ValueError
+        If a shape does not fit or no such filter exists.
+    """
+    n, q, loads = plant.states, plant.outputs, load_steps.shape[1]
+    variances = _load_variances(estimator, plant)
+    Q = np.zeros((n + loads, n + loads))
+    Q[:n, :n] = _covariance("process_noise", estimator.process_noise, n, "state")
+    Q[n:, n:] = np.diag(variances[variances > 0])
+    R = _covariance("measurement_noise", estimator.measurement_noise, q, "output")
+    if np.linalg.eigvalsh(R)[0] <= 1e-12 * np.abs(R).max():
+        raise ValueError(
+            f"measurement_noise is {estimator.measurement_noise!r}; it must be greater than 0 for each output: of a "
+            "sensor without noise, give its step squared / 12"
+        )
+    _check_sight(estimator, plant)
+    A = np.block([[transition, load_steps], [np.zeros((loads, n)), np.eye(loads)]])
+    C = np.hstack([plant.C, np.zeros((q, loads))])
+    gain, innovation = _gain(A, C, Q, R)
+    poles = eigvals(A - gain @ C @ A)
+    poles = poles[np.argsort(-np.abs(poles), kind="stable")]
+    if not np.abs(poles[0]) < 1.0 - NEVER:
+        raise ValueError(NO_FILTER)
+    M = np.block([[plant.A, plant.B], [plant.C, np.zeros((q, plant.inputs))]])
+    rest = np.linalg.pinv(M)[:n, n:]
+    beyond = gammaincc(0.5, 0.5 * estimator.gate**2)  # of one output; of q as improbable
+    threshold = 2.0 * float(gammainccinv(0.5 * q, beyond))
+    gate = np.linalg.inv(innovation) / threshold if estimator.gate > 0 else None
+    return Filter(gain, poles, innovation, rest, -rest @ plant.y_offset, gate, loads)
+
+
+def _load_variances(estimator: Kalman, plant: Plant) -> Array:
+    return _check.per("load", 0.0 if estimator.load is None else estimator.load, plant.inputs, "input")
 
 
 def _covariance(name: str, value: ArrayLike, size: int, what: str) -> Array:
@@ -220,6 +208,31 @@ def _covariance(name: str, value: ArrayLike, size: int, what: str) -> Array:
         )
     matrix: Array = given if given.ndim == 2 else np.diag(np.broadcast_to(given, (size,)))
     return 0.5 * (matrix + matrix.T)
+
+
+def _check_sight(estimator: Kalman, plant: Plant) -> None:
+    """Every mode that lasts must show in the outputs, and every load too."""
+    poles = plant.poles
+    for pole in poles[poles.real >= -LASTING * np.abs(poles).max()]:
+        if _hidden(plant.A, plant.C, pole):
+            at = f"{pole.real:.4g}" + (f"{pole.imag:+.4g}j" if pole.imag else "")
+            raise ValueError(
+                f"plant does not show its mode at {at} rad/s in the outputs, and it does not decay; measure a state "
+                "that it moves"
+            )
+    B = load_entries(estimator, plant)
+    n, loads = B.shape
+    if loads > plant.outputs:
+        raise ValueError(
+            f"load names {loads} inputs and the plant has {plant.outputs} output(s), which cannot tell them apart; "
+            "give 0 for the others"
+        )
+    A = np.block([[plant.A, B], [np.zeros((loads, n + loads))]])
+    if loads and _hidden(A, np.hstack([plant.C, np.zeros((plant.outputs, loads))]), 0.0):
+        raise ValueError(
+            f"load is {estimator.load!r}, but constant loads do not show in the outputs (the plant has a zero at the "
+            "origin); give 0, or measure another output"
+        )
 
 
 def _hidden(A: Array, C: Array, pole: complex) -> bool:
@@ -240,10 +253,7 @@ def _gain(A: Array, C: Array, Q: Array, R: Array) -> tuple[Array, Array]:
     try:
         P = solve_discrete_are((A / unit[:, None] * unit).T, seen.T, Q / np.outer(unit, unit), np.eye(len(R)))
     except (np.linalg.LinAlgError, ValueError):
-        raise ValueError(
-            "process_noise leads to no steady filter; give every state that does not decay a variance that is not 0 "
-            "nor very small beside measurement_noise"
-        ) from None
+        raise ValueError(NO_FILTER) from None
     S = seen @ P @ seen.T + np.eye(len(R))
     gain = unit[:, None] * np.linalg.solve(root.T, np.linalg.solve(S, seen @ P)).T
     return gain, root @ (0.5 * (S + S.T)) @ root.T

@@ -421,6 +421,10 @@ class Project:
 
     def _shared(self) -> dict[str, Any]:
         """What every law of this project has to respect."""
+        if self.file.estimator:
+            raise ValueError(
+                "[estimator] is there, but baselines measure the whole state; remove it to compare with them"
+            )
         return self.file.actuator.given("min_on", "min_off", "safe_level", "forbidden")
 
     def with_seed(self, seed: int) -> Project:

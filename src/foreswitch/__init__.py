@@ -5,11 +5,13 @@ from foreswitch.batch import Batch, simulate_batch
 from foreswitch.controller import Controller, Decision, Status
 from foreswitch.estimator import Kalman
 from foreswitch.hardware import Hardware, Stuck
+from foreswitch.identify import Fit, identify
 from foreswitch.loop import simulate
 from foreswitch.nonlinear import FmuPlant, NonlinearPlant
 from foreswitch.objective import Endpoint
 from foreswitch.plant import Plant
 from foreswitch.precision import Precision, compare_precision
+from foreswitch.record import Record
 from foreswitch.reference import HalfSine, Ramp, Reference, Samples, Sine, Stack, Steps
 from foreswitch.run import Run
 
@@ -18,6 +20,7 @@ __all__ = [
     "Controller",
     "Decision",
     "Endpoint",
+    "Fit",
     "FmuPlant",
     "HalfSine",
     "Hardware",
@@ -25,6 +28,7 @@ __all__ = [
     "NonlinearPlant",
     "Plant",
     "Precision",
+    "Record",
     "Ramp",
     "Reference",
     "Run",
@@ -36,6 +40,7 @@ __all__ = [
     "Stuck",
     "baselines",
     "compare_precision",
+    "identify",
     "simulate",
     "simulate_batch",
 ]

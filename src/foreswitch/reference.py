@@ -259,7 +259,7 @@ class Samples(_Piecewise):
         ValueError
             If a column is missing, a cell is not a finite number or the times do not ascend.
         """
-        columns = read_columns(path, [time, value])
+        columns, _ = read_columns(path, [1 if time is None else time, 2 if value is None else value])
         try:
             return cls(columns[0], columns[1], **options)
         except ValueError as error:
@@ -285,7 +285,7 @@ class Samples(_Piecewise):
         ValueError
             As `read_csv`.
         """
-        times, *values = read_columns(path, [None] * (outputs + 1))
+        (times, *values), _ = read_columns(path, range(1, outputs + 2))
         try:
             parts = [cls(times, column) for column in values]
         except ValueError as error:

@@ -1,0 +1,331 @@
+"""What the data cannot tell, or contradicts, in plain words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+from scipy.stats import f as f_distribution
+
+from foreswitch._check import Array
+from foreswitch.estimate import WHITE, Estimate
+from foreswitch.fitting import Problem, solve
+from foreswitch.structure import Structure
+
+__all__ = ["LevelEffect", "diagnose", "indistinguishable", "level_effects"]
+
+#: Standard errors from zero that a dead time must be.
+CLEAR = 2.0
+#: Rise of the sum of squares, in variances, below which another model explains the record as well.
+AS_WELL = float(chi2.ppf(0.95, 1))
+#: Probability below which a difference counts as one, and the least share worth a word.
+CHANCE, NOTABLE = 1e-3, 0.05
+#: A gain known no better than this was measured with too small a pulse.
+VAGUE = 0.1
+#: Autocorrelation of the residuals that is worth a word.
+COLOURED = 0.1
+
+
+def diagnose(estimate: Estimate) -> list[str]:
+    """Every warning, most important first."""
+    checks = (
+        _unstable,
+        _never_returns,
+        _small_pulse,
+        _dead_time,
+        _gain_changes,
+        _levels,
+        _coloured,
+        _quantised,
+        _moved,
+    )
+    return [sentence for check in checks for sentence in check(estimate)]
+
+
+def _unit(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
+
+
+def _unstable(estimate: Estimate) -> list[str]:
+    problem, result = estimate.problem, []
+    for o, structure in enumerate(problem.structures):
+        poles = np.roots(structure.denominator(estimate.trial.theta[problem.slices[o]], problem.scale))
+        worst = poles[np.argmax(poles.real)]
+        if worst.real * problem.longest > 0.1:
+            result.append(
+                f"The fit of {_output(estimate, o)} is unstable (a pole at {worst.real:.3g} 1/s): "
+                "if the plant is not, the record is too short or too noisy for this structure."
+            )
+    return result
+
+
+def _output(estimate: Estimate, o: int) -> str:
+    return estimate.problem.record.output_names[estimate.problem.outputs[o]]
+
+
+def _never_returns(estimate: Estimate) -> list[str]:
+    record = estimate.problem.record
+    return [
+        f"Input {name} changes only once and never returns: gain, slow lags and drift cannot be told apart well; "
+        "switch it back, more than once."
+        for j, name in enumerate(record.input_names)
+        if record.edges(j).size <= len(record.segments)
+    ]
+
+
+def _small_pulse(estimate: Estimate) -> list[str]:
+    m, result, at = estimate.problem.record.u.shape[1], [], 0
+    names = [n for n in estimate.names if n[0] in "kK"]
+    for name in names:
+        value, error = estimate.values[name], estimate.errors[name]
+        if error > VAGUE * abs(value):
+            j, o = at % m, at // m
+            result.append(
+                f"The gain from {estimate.problem.record.input_names[j]} to {_output(estimate, o)} is known to "
+                f"{100 * error / max(abs(value), 1e-300):.0f} % only: the pulses are too small for the noise of "
+                f"{np.sqrt(estimate.variance(o)):.3g}; give longer or more of them."
+            )
+        at += 1
+    return result
+
+
+def indistinguishable(estimate: Estimate) -> list[str]:
+    """Per input, why its dead time is not told apart from zero or from a lag; empty where it is."""
+    problem = estimate.problem
+    names = estimate.names[-problem.record.u.shape[1] :]
+    rival = _rise_without_dead_time(estimate)
+    result = []
+    for name in names:
+        value, error = estimate.values[name], estimate.errors[name]
+        if value < CLEAR * error:
+            result.append(f"{_unit(value)} with a standard error of {_unit(error)} is not told apart from zero")
+        elif rival < AS_WELL:
+            result.append(f"{_unit(value)} is not told apart from one more lag, which explains the record as well")
+        else:
+            result.append("")
+    return result
+
+
+def _rise_without_dead_time(estimate: Estimate) -> float:
+    """Rise of the sum of squares, in variances, with one more lag in place of all dead times."""
+    problem, theta = estimate.problem, estimate.trial.theta
+    if any(structure.order or structure.states >= 6 for structure in problem.structures):
+        return np.inf
+    longer = [Structure(s.integrators, s.lags + 1, s.pairs) for s in problem.structures]
+    rival = Problem(problem.record, longer, problem.drift, problem.outputs, 1e-6 * problem.shortest, problem.keep)
+    rival.sigma = np.array([np.sqrt(max(estimate.variance(o), 1e-300)) for o in range(len(problem.outputs))])
+    lag = max(float(theta[problem.delays].mean()), 0.1 * problem.shortest)
+    starts = []
+    for share in (1.0, 0.5):
+        parts = [
+            structure.ordered(
+                np.r_[theta[own][: structure.lags - 1], np.log(share * lag), theta[own][structure.lags - 1 :]]
+            )
+            for structure, own in zip(longer, problem.slices, strict=True)
+        ]
+        starts.append(np.concatenate([*parts, np.zeros(problem.record.u.shape[1])]))
+    square = 2.0 * solve(rival, starts).cost
+    own = sum(sum(float(r @ r) for r in estimate.residuals(o)) / rival.sigma[o] ** 2 for o in range(len(longer)))
+    return square - own
+
+
+def _dead_time(estimate: Estimate) -> list[str]:
+    names = estimate.problem.record.input_names
+    return [
+        f"The dead time of input {name}, {reason}: sample faster, or use sharper pulses."
+        for name, reason in zip(names, indistinguishable(estimate), strict=True)
+        if reason
+    ]
+
+
+def _coloured(estimate: Estimate) -> list[str]:
+    result = []
+    for o in range(len(estimate.problem.outputs)):
+        probability, r = estimate.whiteness(o)
+        if probability < WHITE and np.abs(r[1:]).max() > COLOURED:
+            result.append(
+                f"The residuals of {_output(estimate, o)} are not white (autocorrelation {r[1]:.2f} at one sample): "
+                "the structure misses something, or a disturbance acted; standard errors allow for it."
+            )
+    return result
+
+
+def _quantised(estimate: Estimate) -> list[str]:
+    problem, result = estimate.problem, []
+    for o in range(len(problem.outputs)):
+        values = np.unique(np.concatenate(problem.y[o]))
+        step, deviation = float(np.diff(values).min(initial=np.inf)), float(np.sqrt(estimate.variance(o)))
+        if values.size < estimate.samples / 4 and step > 2.0 * deviation:
+            result.append(
+                f"{_output(estimate, o)} is read in steps of {step:.3g}, more than the noise of {deviation:.3g}: "
+                "rounding errors are not independent and standard errors are too small."
+            )
+    return result
+
+
+def _moved(estimate: Estimate) -> list[str]:
+    result = []
+    for o, structure in enumerate(estimate.problem.structures):
+        offsets = np.array(estimate.offsets(o))
+        if len(offsets) < 2 or structure.integrators:
+            continue
+        spread, error = float(np.ptp(offsets[:, 0])), float(offsets[:, 1].max())
+        motion = max(float(np.ptp(y)) for y in estimate.problem.y[o])
+        if spread > 4.0 * error and spread > NOTABLE * motion:
+            result.append(
+                f"The offset of {_output(estimate, o)} differs by {spread:.3g} between segments: "
+                "the operating point moved; y_offset is their mean."
+            )
+    return result
+
+
+# ---- Gains that differ: by time, by level ----
+
+
+def _gain_changes(estimate: Estimate) -> list[str]:
+    problem, result = estimate.problem, []
+    record = problem.record
+    for j, name in enumerate(record.input_names):
+        blocks, change = _blocks(estimate, j), np.zeros(record.t.size)
+        for stretch in problem.stretches:
+            change[stretch] = record.u[stretch, j] - record.u[stretch.start, j]
+        if len(blocks) < 2:
+            continue
+        for o, structure in enumerate(problem.structures):
+            if structure.order:
+                continue
+            inputs = [np.where(block, change, 0.0) for block in blocks]
+            gains, errors, chance = _separate(estimate, o, j, inputs)
+            low, high = int(np.argmin(gains)), int(np.argmax(gains))
+            spread = abs(gains[high] - gains[low]) / max(abs(float(np.mean(gains))), 1e-300)
+            if (
+                chance < CHANCE
+                and spread > NOTABLE
+                and np.hypot(errors[low], errors[high]) * 3.0 < spread * abs(float(np.mean(gains)))
+            ):
+                where = [f"{record.t[np.flatnonzero(blocks[i])[0]]:.3g} s" for i in (low, high)]
+                result.append(
+                    f"The gain from {name} to {_output(estimate, o)} differs by {100 * spread:.0f} % within the "
+                    f"record (from {where[0]} on {gains[low]:.4g}, from {where[1]} on {gains[high]:.4g}): "
+                    "something changed, a supply, a fan, a leak; or the plant is not linear."
+                )
+    return result
+
+
+def _blocks(estimate: Estimate, j: int) -> list[Array]:
+    """The segments, or up to four stretches of one with at least two changes of input ``j`` each."""
+    problem = estimate.problem
+    record, blocks = problem.record, []
+    if len(problem.stretches) > 1:
+        for stretch in problem.stretches:
+            block = np.zeros(record.t.size, dtype=bool)
+            block[stretch] = True
+            if np.ptp(record.u[stretch, j]) > 0:
+                blocks.append(block)
+        return blocks
+    edges = record.edges(j)
+    count = min(4, edges.size // 2)
+    if count < 2:
+        return []
+    # a block begins with every 2 k-th change, so that a pulse is never cut
+    cuts = edges[[2 * (i * (edges.size // 2) // count) for i in range(count)]]
+    cuts[0] = problem.stretches[0].start
+    for start, end in zip(cuts, [*cuts[1:], problem.stretches[0].stop], strict=True):
+        block = np.zeros(record.t.size, dtype=bool)
+        block[start:end] = True
+        blocks.append(block)
+    return blocks
+
+
+def _separate(estimate: Estimate, o: int, j: int, inputs: list[Array]) -> tuple[Array, Array, float]:
+    """Gains of the parts of input ``j``, poles and dead times held; errors; probability that they are all one gain.
+
+    The parts start every segment from 0 and add up to the input's change since then.
+    """
+    problem, trial = estimate.problem, estimate.trial
+    theta, delay = trial.theta[problem.slices[o]], float(trial.theta[problem.delays][j])
+    A, b = problem.structures[o].system(theta, problem.scale)
+    projected, target = [], []
+    m = problem.record.u.shape[1]
+    for part, grid, stretch, y in zip(trial.parts[o], problem.grids, problem.stretches, problem.y[o], strict=True):
+        columns = []
+        for values in inputs:
+            u = np.ascontiguousarray(values[stretch])
+            columns.append(grid.delayed(A, b, u, grid.states(A, b, u), delay)[0][:, -1])
+        F = np.column_stack([*columns, *(part.forced[:, i] for i in range(m) if i != j)])
+        known = part.forced[:, j] - sum(columns)  # what an integrator makes of the first command
+        v = y - known * trial.linear[o].gains[j]
+        projected.append(F - part.basis @ (part.basis.T @ F))
+        target.append(v - part.basis @ (part.basis.T @ v))
+    F, v = np.concatenate(projected), np.concatenate(target)
+    gains, *_ = np.linalg.lstsq(F, v, rcond=None)
+    residual = v - F @ gains
+    degrees = max(1, residual.size - estimate.unknowns(o) - len(inputs))
+    variance = float(residual @ residual) / degrees
+    common = sum(float(r @ r) for r in estimate.residuals(o))
+    # coloured residuals carry less information than their number says
+    inflation = estimate.samples / estimate.independent(o)
+    ratio = (common - float(residual @ residual)) / max(1, len(inputs) - 1) / max(variance, 1e-300) / inflation
+    chance = float(f_distribution.sf(max(ratio, 0.0), max(1, len(inputs) - 1), degrees))
+    errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv(F.T @ F)), 0.0) * variance * inflation)
+    return gains[: len(inputs)], errors[: len(inputs)], chance
+
+
+@dataclass(frozen=True)
+class LevelEffect:
+    """What each level of a multi-level input really does, in units of the input.
+
+    Attributes
+    ----------
+    input : int
+        Index.
+    levels, effects, errors : ndarray
+        Commanded, effective (lowest and highest as commanded) and its standard error.
+    chance : float
+        Probability of such a departure by noise alone.
+    """
+
+    input: int
+    levels: Array
+    effects: Array
+    errors: Array
+    chance: float
+
+
+def level_effects(estimate: Estimate, o: int, j: int) -> LevelEffect | None:
+    """Separate effect of each level of input ``j`` on output ``o``; None with fewer than three levels."""
+    problem = estimate.problem
+    levels = problem.record.levels(j)
+    if not 3 <= levels.size <= 12 or problem.structures[o].order or problem.structures[o].integrators:
+        return None
+    u = problem.record.u[:, j]
+    inputs = [(u == level).astype(np.float64) for level in levels[1:]]
+    for stretch in problem.stretches:
+        for values in inputs:
+            values[stretch] -= values[stretch.start]
+    gains, errors, _ = _separate(estimate, o, j, inputs)
+    if gains[-1] == 0.0:
+        return None
+    span = levels[-1] - levels[0]
+    effects, spread = np.r_[0.0, gains] / gains[-1] * span + levels[0], np.r_[0.0, errors] / abs(gains[-1]) * span
+    score = np.abs(effects - levels)[1:-1] / np.maximum(np.hypot(spread[1:-1], spread[-1]), 1e-300)
+    return LevelEffect(j, levels, effects, spread, float(chi2.sf(float((score**2).sum()), levels.size - 2)))
+
+
+def _levels(estimate: Estimate) -> list[str]:
+    result = []
+    record = estimate.problem.record
+    for o in range(len(estimate.problem.outputs)):
+        for j, name in enumerate(record.input_names):
+            found = level_effects(estimate, o, j)
+            if found is None or found.chance >= CHANCE:
+                continue
+            departure = np.abs(found.effects - found.levels).max() / np.ptp(found.levels)
+            if departure > NOTABLE:
+                table = ", ".join(f"{a:g} acts as {b:.3g}" for a, b in zip(found.levels, found.effects, strict=True))
+                result.append(
+                    f"The effect of {name} on {_output(estimate, o)} is not proportional to its level ({table}): "
+                    "the actuator is not linear; identify with the effective levels in place of the commanded ones."
+                )
+    return result

@@ -1,0 +1,3 @@
+"""Design of a pulse test before it is run."""
+
+__all__: list[str] = []

@@ -1,0 +1,345 @@
+"""One structure fitted to a record by separable least squares.
+
+The output is linear in the gains, offset, drift and initial state, and nonlinear in poles and dead times. So the
+linear ones are solved for at each trial of the nonlinear ones (variable projection, Golub and Pereyra 1973, with
+Kaufman's Jacobian), and offset and drift are removed as part of the fit, not before it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from foreswitch._check import Array
+from foreswitch.record import Record
+from foreswitch.response import Grid
+from foreswitch.structure import Structure
+
+__all__ = ["Problem", "Solution", "solve"]
+
+#: Directions of the nuisance columns below this share of the largest are not told apart from the others.
+RANK = 1e-9
+#: Time constants tried, from a third of a sampling interval to the record's length.
+TIMES = 12
+#: Dead times tried for each of them.
+DELAYS = 60
+#: Step of the central difference in a nonlinear parameter, which is of order one.
+STEP = 1e-5
+
+
+@dataclass(frozen=True)
+class Part:
+    """One output over one segment at trial parameters: its columns, one row per sample used."""
+
+    forced: Array  # (W, gains): response to each input
+    slope: Array  # (W, gains): its time derivative
+    basis: Array  # (W, k): orthonormal, spans offset, drift and initial state
+    back: Array  # (nuisance, k): coefficients of the nuisance columns from those of the basis
+    nuisance: Array  # (W, nuisance)
+
+
+class Undelayed(NamedTuple):
+    """States without dead time."""
+
+    A: Array
+    b: Array
+    states: list[list[Array]]  # per segment and input, (N, n)
+
+
+class Problem:
+    """A record, the structure of each output, and what is wanted of the fit.
+
+    Parameters
+    ----------
+    record : Record
+    structures : sequence of Structure
+        One per output.
+    drift : sequence of bool
+        Whether each output drifts: linearly, or as the operating point of an integrator makes it.
+    outputs : sequence of int
+        Which outputs of the record.
+    longest_delay : float
+        Seconds.
+    keep : ndarray of bool, optional
+        Samples to use; default all that the record uses.
+    """
+
+    def __init__(
+        self,
+        record: Record,
+        structures: Sequence[Structure],
+        drift: Sequence[bool],
+        outputs: Sequence[int],
+        longest_delay: float,
+        keep: Array | None = None,
+    ) -> None:
+        self.record, self.structures, self.drift, self.outputs = record, list(structures), list(drift), list(outputs)
+        self.longest_delay = longest_delay
+        self.keep = keep = record.used if keep is None else record.used & keep
+        self.grids: list[Grid] = []
+        self.inputs: list[Array] = []  # (m, N) each
+        self.samples: list[Array] = []
+        self.stretches: list[slice] = []
+        for stretch in record.segments:
+            wanted = np.flatnonzero(keep[stretch])
+            if wanted.size == 0:
+                continue
+            self.stretches.append(stretch)
+            self.grids.append(Grid(record.t[stretch], wanted))
+            self.inputs.append(np.ascontiguousarray((record.u[stretch] - record.u[stretch.start]).T))
+            self.samples.append(wanted + stretch.start)
+        self.scale = float(np.median([grid.t[-1] for grid in self.grids])) / 10.0
+        self.shortest = min(grid.interval for grid in self.grids)
+        self.longest = max(float(grid.t[-1]) for grid in self.grids)
+        self.sigma = np.ones(len(self.outputs))
+        edges = np.cumsum([0] + [len(structure.names) for structure in self.structures])
+        self.slices = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        self.delays = slice(int(edges[-1]), int(edges[-1]) + record.u.shape[1])
+        y = [record.y[np.ix_(rows, self.outputs)] for rows in self.samples]
+        self.y = [[part[:, o] for part in y] for o in range(len(self.outputs))]
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Of all nonlinear parameters, the dead times last."""
+        each = [
+            structure.bounds(0.02 * self.shortest, 10.0 * self.longest, self.scale) for structure in self.structures
+        ]
+        m = self.record.u.shape[1]
+        low = np.concatenate([low for low, _ in each] + [np.zeros(m)])
+        high = np.concatenate([high for _, high in each] + [np.full(m, self.longest_delay)])
+        return low, high
+
+    def undelayed(self, o: int, theta: Array) -> Undelayed:
+        """States of output ``o`` at all samples, without dead time."""
+        A, b = self.structures[o].system(theta, self.scale)
+        inputs = range(self.record.u.shape[1])
+        return Undelayed(A, b, [[grid.states(A, b, u[j]) for j in inputs]
+                                for grid, u in zip(self.grids, self.inputs, strict=True)])  # fmt: skip
+
+    def columns(self, o: int, undelayed: Undelayed, delays: Array) -> list[tuple[Array, Array]]:
+        """Per segment, the forced response and its slope, (W, gains) each."""
+        structure, (A, b, states) = self.structures[o], undelayed
+        result = []
+        for grid, u, x, stretch in zip(self.grids, self.inputs, states, self.stretches, strict=True):
+            forced, slopes = [], []
+            for j, delay in enumerate(delays):
+                late, slope = grid.delayed(A, b, u[j], x[j], float(delay))
+                if not structure.order:
+                    late, slope = late[:, -1:], slope[:, -1:]
+                if structure.integrators:  # the first command has acted all along
+                    power = structure.integrators
+                    late = late + (self.record.u[stretch.start, j] / power) * (grid.at**power)[:, None]
+                forced.append(late)
+                slopes.append(slope)
+            result.append((np.hstack(forced), np.hstack(slopes)))
+        return result
+
+    def nuisance(self, o: int, theta: Array) -> list[Array]:
+        """Per segment, the columns of the initial state, the offset (an integrator's initial state) and the drift."""
+        structure = self.structures[o]
+        A, _ = structure.system(theta, self.scale)
+        n = structure.states
+        result = []
+        for grid in self.grids:
+            # the last row of e^(A t) moves as a state under A'
+            free = grid.states(A.T.copy(), np.zeros(n), np.zeros(grid.count), np.eye(n)[-1])[grid.wanted]
+            columns = [free] if structure.integrators else [free, np.ones((grid.at.size, 1))]
+            if self.drift[o]:
+                power = max(1, structure.integrators)
+                columns.append(((grid.at / grid.t[-1]) ** power)[:, None])
+            result.append(np.hstack(columns))
+        return result
+
+    def parts(self, o: int, theta: Array, delays: Array) -> list[Part]:
+        """All columns of one output at trial parameters."""
+        result = []
+        for (forced, slope), columns in zip(
+            self.columns(o, self.undelayed(o, theta), delays), self.nuisance(o, theta), strict=True
+        ):
+            basis, back = _orthonormal(columns)
+            result.append(Part(forced, slope, basis, back, columns))
+        return result
+
+
+def _orthonormal(columns: Array) -> tuple[Array, Array]:
+    """An orthonormal basis of the columns' span, and the columns' coefficients of each basis vector."""
+    size = np.sqrt(np.einsum("ij,ij->j", columns, columns))
+    size[size == 0.0] = 1.0
+    Q, R = np.linalg.qr(columns / size)
+    U, s, Vt = np.linalg.svd(R)
+    rank = int((s > RANK * s[0]).sum())
+    return Q @ U[:, :rank], (Vt[:rank].T / s[:rank]) / size[:, None]
+
+
+@dataclass(frozen=True)
+class Linear:
+    """The linear parameters of one output at trial parameters, and what they leave."""
+
+    gains: Array  # (gains,)
+    residuals: list[Array]  # per segment
+    projected: list[Array]  # per segment, forced columns without their nuisance part
+    root: Array  # (gains, gains): R of the projected columns' QR
+    coefficients: list[Array]  # per segment, of the nuisance columns
+
+
+def _solve_linear(parts: list[Part], y: list[Array]) -> Linear:
+    projected = [p.forced - p.basis @ (p.basis.T @ p.forced) for p in parts]
+    reduced = [v - p.basis @ (p.basis.T @ v) for p, v in zip(parts, y, strict=True)]
+    Q, root = np.linalg.qr(np.concatenate(projected))
+    size = np.abs(np.diag(root))
+    if (size <= RANK * max(float(np.abs(parts[0].forced).max()), 1e-300)).any():
+        gains = np.linalg.lstsq(root, Q.T @ np.concatenate(reduced), rcond=None)[0]
+    else:
+        gains = np.linalg.solve(root, Q.T @ np.concatenate(reduced))
+    residuals = [r - f @ gains for r, f in zip(reduced, projected, strict=True)]
+    coefficients = [p.back @ (p.basis.T @ (v - p.forced @ gains)) for p, v in zip(parts, y, strict=True)]
+    return Linear(gains, residuals, projected, root, coefficients)
+
+
+class Trial:
+    """Everything known at one value of the nonlinear parameters."""
+
+    def __init__(self, problem: Problem, theta: Array) -> None:
+        self.problem, self.theta = problem, theta.copy()
+        self.parts = [problem.parts(o, theta[s], theta[problem.delays]) for o, s in enumerate(problem.slices)]
+        self.linear = [_solve_linear(parts, y) for parts, y in zip(self.parts, problem.y, strict=True)]
+
+    def residual(self) -> Array:
+        """In standard deviations, all outputs."""
+        each = [np.concatenate(lin.residuals) / s for lin, s in zip(self.linear, self.problem.sigma, strict=True)]
+        return np.concatenate(each)
+
+    def derivatives(self, o: int) -> list[Array]:
+        """Per segment, the derivative of output o by its nonlinear parameters and the dead times, gains held."""
+        problem, linear = self.problem, self.linear[o]
+        theta, delays = self.theta[problem.slices[o]], self.theta[problem.delays]
+
+        def output(trial: Array) -> list[Array]:
+            forced, nuisance = problem.columns(o, problem.undelayed(o, trial), delays), problem.nuisance(o, trial)
+            return [
+                f @ linear.gains + n @ c for (f, _), n, c in zip(forced, nuisance, linear.coefficients, strict=True)
+            ]
+
+        columns: list[list[Array]] = [[] for _ in problem.grids]
+        for k in range(theta.size):
+            step = np.zeros(theta.size)
+            step[k] = STEP * max(1.0, abs(theta[k]))
+            for s, (up, down) in enumerate(zip(output(theta + step), output(theta - step), strict=True)):
+                columns[s].append((up - down) / (2.0 * step[k]))
+        width = linear.gains.size // delays.size
+        for j in range(delays.size):
+            own = slice(j * width, (j + 1) * width)
+            for s, part in enumerate(self.parts[o]):
+                columns[s].append(-part.slope[:, own] @ linear.gains[own])
+        return [np.column_stack(c) for c in columns]
+
+    def jacobian(self) -> Array:
+        """Of `residual`, by all nonlinear parameters."""
+        problem, rows = self.problem, []
+        for o in range(len(problem.outputs)):
+            projected = self._without_nuisance(o, self.derivatives(o))
+            Q = np.linalg.qr(np.concatenate(self.linear[o].projected))[0]
+            block = np.zeros((projected.shape[0], self.theta.size))
+            own = [*range(problem.slices[o].start, problem.slices[o].stop), *range(*problem.delays.indices(10**6))]
+            block[:, own] = -(projected - Q @ (Q.T @ projected)) / problem.sigma[o]
+            rows.append(block)
+        return np.concatenate(rows)
+
+    def _without_nuisance(self, o: int, columns: list[Array]) -> Array:
+        return np.concatenate([c - p.basis @ (p.basis.T @ c) for c, p in zip(columns, self.parts[o], strict=True)])
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The best trial found."""
+
+    trial: Trial
+    cost: float  # half the sum of squares
+
+
+def solve(problem: Problem, starts: Sequence[Array]) -> Solution:
+    """The best of the local solutions that the starts lead to."""
+    low, high = problem.bounds()
+    best: Solution | None = None
+    for start in starts:
+        trials = _Trials(problem)
+        inside = np.clip(start, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
+        found = least_squares(
+            trials.residual, inside, jac=trials.jacobian, bounds=(low, high), x_scale="jac",
+            ftol=1e-10, xtol=1e-9, gtol=1e-10, max_nfev=60,
+        )  # fmt: skip
+        if best is None or found.cost < best.cost:
+            best = Solution(trials(found.x), float(found.cost))
+    assert best is not None, "no start"
+    return best
+
+
+class _Trials:
+    """The last trial is kept: the solver asks for residual and Jacobian at the same point."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem, self.last = problem, None
+
+    def __call__(self, theta: Array) -> Trial:
+        if self.last is None or not np.array_equal(self.last.theta, theta):
+            self.last = Trial(self.problem, theta)
+        return self.last
+
+    def residual(self, theta: Array) -> Array:
+        return self(theta).residual()
+
+    def jacobian(self, theta: Array) -> Array:
+        return self(theta).jacobian()
+
+
+def scan(problem: Problem, keep: int = 3) -> list[Array]:
+    """Starts for one output: time constants and dead times on a grid, the best few."""
+    structure = problem.structures[0]
+    found = []
+    times = np.geomspace(problem.shortest / 3.0, problem.longest, TIMES) if structure.names else [problem.shortest]
+    for time in times:
+        grid = _delay_grid(problem, float(time))
+        for theta in structure.starts(float(time), problem.scale):
+            delays, value = _best_delays(problem, theta, grid)
+            found.append((value, np.concatenate([theta, delays])))
+    found.sort(key=lambda item: item[0])
+    return [start for _, start in found[:keep]]
+
+
+def _best_delays(problem: Problem, theta: Array, grid: Array) -> tuple[Array, float]:
+    """The best common dead time on the grid, then the best of each input, and the sum of squares left."""
+    m = problem.record.u.shape[1]
+    bases = [_orthonormal(columns)[0] for columns in problem.nuisance(0, theta)]
+    reduced = np.concatenate([v - Q @ (Q.T @ v) for Q, v in zip(bases, problem.y[0], strict=True)])
+    undelayed = problem.undelayed(0, theta)
+
+    def cost(delays: Array) -> float:
+        columns = problem.columns(0, undelayed, delays)
+        Q = np.linalg.qr(np.concatenate([f - Q @ (Q.T @ f) for (f, _), Q in zip(columns, bases, strict=True)]))[0]
+        explained = Q.T @ reduced
+        return float(reduced @ reduced - explained @ explained)
+
+    trials = [np.full(m, delay) for delay in grid]
+    costs = [cost(trial) for trial in trials]
+    best = int(np.argmin(costs))
+    delays, value = trials[best], costs[best]
+    for j in range(m if m > 1 else 0):
+        for delay in grid:
+            trial = delays.copy()
+            trial[j] = delay
+            now = cost(trial)
+            if now < value:
+                delays, value = trial, now
+    return delays, value
+
+
+def _delay_grid(problem: Problem, time: float) -> Array:
+    """Dead times as dense as this time constant asks for, logarithmic where that would be too many."""
+    step = max(0.5 * problem.shortest, 0.5 * time)
+    count = int(problem.longest_delay / step) + 2
+    if count <= DELAYS:
+        return np.linspace(0.0, problem.longest_delay, count)
+    return np.r_[0.0, np.geomspace(step / 2.0, problem.longest_delay, DELAYS - 1)]

@@ -1,0 +1,315 @@
+"""From a record to a plant: structures compared, the best one reported with what the data could not tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from foreswitch import _check
+from foreswitch._check import Array
+from foreswitch._text import tree
+from foreswitch.diagnosis import diagnose, indistinguishable
+from foreswitch.estimate import Estimate
+from foreswitch.fitting import Problem, Trial, scan, solve
+from foreswitch.plant import Plant
+from foreswitch.record import Record
+from foreswitch.structure import STRUCTURES, Structure
+
+__all__ = ["Candidate", "Fit", "identify"]
+
+#: Samples that structures are compared on; the chosen one is fitted to all.
+COARSE = 6000
+#: A structure must predict the held-back stretch within this factor of the best; one stretch is a noisy judge.
+HELD_BACK = 2.0
+#: Largest dead time looked for, in shares of the longest segment.
+LONGEST_DELAY = 0.25
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One structure of a comparison.
+
+    Attributes
+    ----------
+    structure : str
+    drift : bool
+    criterion : float
+        Bayesian information criterion, relative to the best.
+    held_back : float
+        Error on the stretch that was not fitted, root mean square, in units of the output (of several: in shares of
+        their standard deviations). NaN if nothing was held back.
+    fit_percent : float
+        Mean over the outputs.
+    chosen : bool
+    """
+
+    structure: str
+    drift: bool
+    criterion: float
+    held_back: float
+    fit_percent: float
+    chosen: bool
+
+
+Progress = Callable[[float, str], None]
+
+
+def identify(
+    record: Record,
+    structure: str | Sequence[str] = "auto",
+    *,
+    drift: bool | None = None,
+    longest_delay: float | None = None,
+    held_back: float = 0.3,
+    progress: Progress | None = None,
+) -> Fit:
+    """A plant from a record of an experiment.
+
+    Fits ``y = sum of gains x poles x dead times + offset + drift + initial state`` to the raw record by separable
+    least squares; dead times are continuous.
+
+    Parameters
+    ----------
+    record : Record
+    structure : str, or one per output
+        A chain such as ``"integrator+lag"``, ``"lag+pair"``, ``"lag+lag"``; any ``"order n"``; or ``"auto"``, which
+        compares the usual ones by information criterion and by their error on held-back data.
+    drift : bool, optional
+        Whether the output drifts linearly (of an integrator: whether its input has an offset). Default: if the
+        information criterion says so.
+    longest_delay : float, optional
+        Largest dead time to consider [s]. Default: a quarter of the longest segment.
+    held_back : float
+        Share of the record, its end, on which structures are compared after fitting the rest; 0: none.
+    progress : callable, optional
+        Told ``(share done, what)`` now and then.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range or the record is too short for the structure.
+
+    Examples
+    --------
+    >>> t = np.arange(0.0, 2.0, 0.01)
+    >>> u = (t % 0.5 >= 0.25).astype(float)
+    >>> y = 3.0 * np.cumsum(np.r_[np.zeros(6), u[:-6]]) * 0.01 + 0.01 * np.sin(50.0 * t)
+    >>> fit = identify(Record(t, u, y), "integrator")
+    >>> round(fit.parameters["k"][0], 2), round(fit.parameters["delay"][0], 3)
+    (3.0, 0.05)
+    """
+    if not isinstance(record, Record):
+        raise ValueError(f"record is a {type(record).__name__}; give a Record, see Record.read_csv")
+    if not 0.0 <= _check.number("held_back", held_back) <= 0.8:
+        raise ValueError(f"held_back is {held_back}; give a share from 0 to 0.8")
+    longest = max(float(record.t[s][-1] - record.t[s][0]) for s in record.segments)
+    reach = LONGEST_DELAY * longest if longest_delay is None else _check.number("longest_delay", longest_delay, above=0)
+    report = progress or (lambda share, what: None)
+    q = record.y.shape[1]
+    given = [structure] * q if isinstance(structure, str) else list(structure)
+    if len(given) != q:
+        raise ValueError(f"structure names {len(given)} structures; give one, or one for each of {q} outputs")
+    search = _Search(record, reach, drift, held_back, report)
+    rows: list[list[Candidate]] = []
+    best: list[Estimate] = []
+    for o, name in enumerate(given):
+        estimates, table = search.output(o, name, (o / q, (o + 0.8) / q))
+        best.append(estimates)
+        rows.append(table)
+    report(0.8, "fitting all samples")
+    final = search.final(best)
+    report(0.95, "looking for contradictions")
+    fit = Fit(record, final, [row for table in rows for row in table])
+    report(1.0, "done")
+    return fit
+
+
+class _Search:
+    """The comparison of structures, one output at a time, and the joint fit at the end."""
+
+    def __init__(self, record: Record, reach: float, drift: bool | None, held_back: float, report: Progress) -> None:
+        self.record, self.reach, self.held_back, self.report = record, reach, held_back, report
+        self.drifts = (False, True) if drift is None else (bool(drift),)
+        used = np.flatnonzero(record.used)
+        share = min(1.0, COARSE / used.size)
+        self.coarse = np.random.default_rng(0).random(record.t.size) < share  # one period could beat with the pulses
+        self.train = np.zeros(record.t.size, dtype=bool)
+        self.train[used[: int(np.ceil((1.0 - held_back) * used.size))]] = True
+
+    def problem(self, structures: Sequence[Structure], drift: Sequence[bool], outputs: Sequence[int], keep: Array
+                ) -> Problem:  # fmt: skip
+        problem = Problem(self.record, structures, drift, outputs, self.reach, keep)
+        unknowns = max(len(s.names) + s.states + 2 for s in structures) + 2 * self.record.u.shape[1]
+        if sum(grid.at.size for grid in problem.grids) <= unknowns:
+            raise ValueError(
+                f"the record has {len(self.record)} samples, too few for the {unknowns} unknowns of "
+                f"{', '.join(map(str, structures))}; record longer or choose a smaller structure"
+            )
+        return problem
+
+    def output(self, o: int, name: str, span: tuple[float, float]) -> tuple[Estimate, list[Candidate]]:
+        """The best structure for one output, fitted to the coarse samples, and the table."""
+        structures = [Structure.parse(item) for item in (STRUCTURES if name == "auto" else (name,))]
+        found: list[Estimate] = []
+        for i, structure in enumerate(structures):
+            for drift in self.drifts:
+                self.report(span[0] + (span[1] - span[0]) * i / len(structures), f"fitting {structure}")
+                try:
+                    found.append(self._fit(o, structure, drift))
+                except ValueError:
+                    if len(structures) == 1:
+                        raise
+        if not found:
+            raise ValueError(f"the record has {len(self.record)} samples, too few for any structure; record longer")
+        errors = [self._held_back_error(e) if len(found) > 1 else np.nan for e in found]
+        # coloured residuals carry less information than their number says, for all alike
+        samples = min(found, key=lambda e: e.variance(0)).independent(0)
+        criteria = [e.criterion(samples) for e in found]
+        limit = HELD_BACK * np.nanmin(errors) if np.isfinite(errors).any() else np.inf
+        able = [i for i, error in enumerate(errors) if not error > limit]
+        chosen = min(able, key=lambda i: criteria[i])
+        table = [
+            Candidate(str(found[i].problem.structures[0]), found[i].problem.drift[0], criteria[i] - min(criteria),
+                      errors[i], float(found[i].fit_percent(0)), i == chosen)
+            for i in np.argsort(criteria)
+        ]  # fmt: skip
+        return found[chosen], table
+
+    def _fit(self, o: int, structure: Structure, drift: bool) -> Estimate:
+        problem = self.problem([structure], [drift], [o], self.coarse)
+        return Estimate(solve(problem, scan(problem)).trial)
+
+    def _held_back_error(self, estimate: Estimate) -> float:
+        """Root mean square error on the end of the record of a fit to its beginning."""
+        if self.held_back == 0.0:
+            return np.nan
+        old, train = estimate.problem, self.coarse & self.train
+        try:
+            problem = self.problem(old.structures, old.drift, old.outputs, train)
+            if {s.start for s in problem.stretches} == set() or not all(
+                np.ptp(np.concatenate([problem.record.u[s, j] for s in problem.stretches])) > 0
+                for j in range(problem.record.u.shape[1])
+            ):
+                return np.nan
+        except ValueError:
+            return np.nan
+        theta = problem_theta(old, problem, estimate.trial.theta)
+        fitted = solve(problem, [theta]).trial
+        rest = Problem(self.record, old.structures, old.drift, old.outputs, self.reach, self.coarse & ~self.train)
+        errors = prediction_errors(fitted, rest)[0]
+        return float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) if errors else np.nan
+
+    def final(self, parts: list[Estimate]) -> Estimate:
+        """All outputs together on all samples: they share the dead times."""
+        structures = [e.problem.structures[0] for e in parts]
+        drift = [e.problem.drift[0] for e in parts]
+        every = np.ones(self.record.t.size, dtype=bool)
+        problem = self.problem(structures, drift, range(len(parts)), every)
+        problem.sigma = np.array([np.sqrt(max(e.variance(0), 1e-300)) for e in parts])
+        if len(parts) == 1 and bool(self.coarse[self.record.used].all()):
+            return parts[0]
+        weights = np.array([[1.0 / max(e.errors[n], 1e-12) ** 2 for n in e.names[-problem.record.u.shape[1] :]]
+                            for e in parts])  # fmt: skip
+        delays = np.array([e.trial.theta[e.problem.delays] for e in parts])
+        thetas = [problem_theta(e.problem, problem, e.trial.theta)[: -delays.shape[1]] for e in parts]
+        start = np.concatenate([*thetas, (weights * delays).sum(axis=0) / weights.sum(axis=0)])
+        return Estimate(solve(problem, [start]).trial)
+
+
+def problem_theta(old: Problem, new: Problem, theta: Array) -> Array:
+    """Parameters of one output in another problem's time scale, which only a free order has."""
+    structure, result = old.structures[0], theta.copy()
+    if structure.order:
+        ratio = new.scale / old.scale
+        powers = np.array([1.0, 2.0] * (structure.order // 2) + [1.0] * (structure.order % 2))
+        result[: structure.order] *= ratio**powers
+    return result
+
+
+def prediction_errors(trial: Trial, problem: Problem) -> list[list[Array]]:
+    """Per output and segment, what the fitted model leaves of other samples.
+
+    A segment of which some samples were fitted keeps its initial state, offset and drift; any other gets its own by
+    least squares.
+    """
+    known = {stretch.start: i for i, stretch in enumerate(trial.problem.stretches)}
+    result = []
+    for o, own in enumerate(problem.slices):
+        parts = problem.parts(o, trial.theta[own], trial.theta[problem.delays])
+        errors = []
+        for part, y, stretch in zip(parts, problem.y[o], problem.stretches, strict=True):
+            left = y - part.forced @ trial.linear[o].gains
+            if stretch.start in known:
+                segment = known[stretch.start]
+                coefficients = trial.linear[o].coefficients[segment].copy()
+                if problem.drift[o]:  # its column counts in lengths of the segment, which is the same
+                    coefficients[-1] *= 1.0
+                errors.append(left - part.nuisance @ coefficients)
+            else:
+                errors.append(left - part.basis @ (part.basis.T @ left))
+        result.append(errors)
+    return result
+
+
+class Fit:
+    """A plant identified from a record.
+
+    Attributes
+    ----------
+    plant : Plant
+        Ready for a controller.
+    parameters : dict
+        ``{name: (value, standard error)}``: gains, lags [s] or frequency [rad/s] and damping, coefficients of a free
+        order, and ``delay`` [s]; with several inputs or outputs the names carry their numbers, ``K_12`` from input 2
+        to output 1.
+    fit_percent : float or ndarray, shape (q,)
+        100 (1 - |residual| / |y - mean|).
+    candidates : list of Candidate
+        The structures compared, best criterion first.
+    warnings : list of str
+        What the data could not tell, or contradicts.
+    """
+
+    def __init__(self, record: Record, estimate: Estimate, candidates: list[Candidate]) -> None:
+        self.record, self.estimate, self.candidates = record, estimate, candidates
+        self.plant: Plant = estimate.plant
+        self.parameters = {name: (estimate.values[name], estimate.errors[name]) for name in estimate.names}
+        each = np.array([estimate.fit_percent(o) for o in range(self.plant.outputs)])
+        self.fit_percent: float | Array = float(each[0]) if each.size == 1 else each
+
+    @property
+    def structure(self) -> str | list[str]:
+        """Of the output, or of each."""
+        names = [str(structure) for structure in self.estimate.problem.structures]
+        return names[0] if len(names) == 1 else names
+
+    @cached_property
+    def warnings(self) -> list[str]:
+        """What the data could not tell, or contradicts, in plain words."""
+        return diagnose(self.estimate)
+
+    @cached_property
+    def dead_time_known(self) -> list[bool]:
+        """Per input, whether its dead time is told apart from zero and from a lag."""
+        return [not reason for reason in indistinguishable(self.estimate)]
+
+    @property
+    def measurement_noise(self) -> Array:
+        """Variance of each output about the fit, shape (q,): the measurement noise of `Kalman`."""
+        return np.array([self.estimate.variance(o) for o in range(self.plant.outputs)])
+
+    def __repr__(self) -> str:
+        names = [self.structure] if isinstance(self.structure, str) else self.structure
+        lines = [
+            f"structure  {', '.join(names)}; explains {', '.join(f'{v:.1f}' for v in np.ravel(self.fit_percent))} %"
+        ]
+        lines += [f"{name:<9}  {value:.5g} +- {error:.2g}" for name, (value, error) in self.parameters.items()]
+        lines += [f"warning    {sentence}" for sentence in self.warnings]
+        return tree("Fit", lines)

@@ -4,8 +4,10 @@ from foreswitch import baselines
 from foreswitch.batch import Batch, simulate_batch
 from foreswitch.controller import Controller, Decision, Status
 from foreswitch.estimator import Kalman
+from foreswitch.experiment import PulseTest, propose_test
+from foreswitch.fit import Candidate, Fit
 from foreswitch.hardware import Hardware, Stuck
-from foreswitch.identify import Fit, identify
+from foreswitch.identify import identify
 from foreswitch.loop import simulate
 from foreswitch.nonlinear import FmuPlant, NonlinearPlant
 from foreswitch.objective import Endpoint
@@ -17,6 +19,7 @@ from foreswitch.run import Run
 
 __all__ = [
     "Batch",
+    "Candidate",
     "Controller",
     "Decision",
     "Endpoint",
@@ -28,6 +31,7 @@ __all__ = [
     "NonlinearPlant",
     "Plant",
     "Precision",
+    "PulseTest",
     "Record",
     "Ramp",
     "Reference",
@@ -41,6 +45,7 @@ __all__ = [
     "baselines",
     "compare_precision",
     "identify",
+    "propose_test",
     "simulate",
     "simulate_batch",
 ]

@@ -3,55 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from foreswitch import _check
 from foreswitch._check import Array
-from foreswitch._text import tree
-from foreswitch.diagnosis import diagnose, indistinguishable
 from foreswitch.estimate import Estimate
-from foreswitch.fitting import Problem, Trial, scan, solve
-from foreswitch.plant import Plant
+from foreswitch.fit import Candidate, Fit, prediction_errors
+from foreswitch.fitting import Problem, scan, solve
 from foreswitch.record import Record
 from foreswitch.structure import STRUCTURES, Structure
 
-__all__ = ["Candidate", "Fit", "identify"]
+__all__ = ["identify"]
 
 #: Samples that structures are compared on; the chosen one is fitted to all.
 COARSE = 6000
 #: A structure must predict the held-back stretch within this factor of the best; one stretch is a noisy judge.
 HELD_BACK = 2.0
+#: A drift must lower that error by this factor: it passes for a slow lag, and under regular pulses for a gain.
+EARNED = 1.2
 #: Largest dead time looked for, in shares of the longest segment.
 LONGEST_DELAY = 0.25
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One structure of a comparison.
-
-    Attributes
-    ----------
-    structure : str
-    drift : bool
-    criterion : float
-        Bayesian information criterion, relative to the best.
-    held_back : float
-        Error on the stretch that was not fitted, root mean square, in units of the output (of several: in shares of
-        their standard deviations). NaN if nothing was held back.
-    fit_percent : float
-        Mean over the outputs.
-    chosen : bool
-    """
-
-    structure: str
-    drift: bool
-    criterion: float
-    held_back: float
-    fit_percent: float
-    chosen: bool
 
 
 Progress = Callable[[float, str], None]
@@ -174,13 +146,23 @@ class _Search:
         criteria = [e.criterion(samples) for e in found]
         limit = HELD_BACK * np.nanmin(errors) if np.isfinite(errors).any() else np.inf
         able = [i for i, error in enumerate(errors) if not error > limit]
+        able = [i for i in able if not self._vain(found, errors, i)] or able
         chosen = min(able, key=lambda i: criteria[i])
         table = [
-            Candidate(str(found[i].problem.structures[0]), found[i].problem.drift[0], criteria[i] - min(criteria),
-                      errors[i], float(found[i].fit_percent(0)), i == chosen)
+            Candidate(self.record.output_names[o], str(found[i].problem.structures[0]), found[i].problem.drift[0],
+                      criteria[i] - min(criteria), errors[i], float(found[i].fit_percent(0)), bool(i == chosen))
             for i in np.argsort(criteria)
         ]  # fmt: skip
         return found[chosen], table
+
+    @staticmethod
+    def _vain(found: list[Estimate], errors: list[float], i: int) -> bool:
+        """Whether a drift only hides what the structure misses: it predicts no better than none."""
+        problem = found[i].problem
+        return problem.drift[0] and any(
+            other.problem.structures == problem.structures and not other.problem.drift[0] and error <= EARNED * errors[i]
+            for other, error in zip(found, errors, strict=True)
+        )
 
     def _fit(self, o: int, structure: Structure, drift: bool) -> Estimate:
         problem = self.problem([structure], [drift], [o], self.coarse)
@@ -231,85 +213,3 @@ def problem_theta(old: Problem, new: Problem, theta: Array) -> Array:
         powers = np.array([1.0, 2.0] * (structure.order // 2) + [1.0] * (structure.order % 2))
         result[: structure.order] *= ratio**powers
     return result
-
-
-def prediction_errors(trial: Trial, problem: Problem) -> list[list[Array]]:
-    """Per output and segment, what the fitted model leaves of other samples.
-
-    A segment of which some samples were fitted keeps its initial state, offset and drift; any other gets its own by
-    least squares.
-    """
-    known = {stretch.start: i for i, stretch in enumerate(trial.problem.stretches)}
-    result = []
-    for o, own in enumerate(problem.slices):
-        parts = problem.parts(o, trial.theta[own], trial.theta[problem.delays])
-        errors = []
-        for part, y, stretch in zip(parts, problem.y[o], problem.stretches, strict=True):
-            left = y - part.forced @ trial.linear[o].gains
-            if stretch.start in known:
-                segment = known[stretch.start]
-                coefficients = trial.linear[o].coefficients[segment].copy()
-                if problem.drift[o]:  # its column counts in lengths of the segment, which is the same
-                    coefficients[-1] *= 1.0
-                errors.append(left - part.nuisance @ coefficients)
-            else:
-                errors.append(left - part.basis @ (part.basis.T @ left))
-        result.append(errors)
-    return result
-
-
-class Fit:
-    """A plant identified from a record.
-
-    Attributes
-    ----------
-    plant : Plant
-        Ready for a controller.
-    parameters : dict
-        ``{name: (value, standard error)}``: gains, lags [s] or frequency [rad/s] and damping, coefficients of a free
-        order, and ``delay`` [s]; with several inputs or outputs the names carry their numbers, ``K_12`` from input 2
-        to output 1.
-    fit_percent : float or ndarray, shape (q,)
-        100 (1 - |residual| / |y - mean|).
-    candidates : list of Candidate
-        The structures compared, best criterion first.
-    warnings : list of str
-        What the data could not tell, or contradicts.
-    """
-
-    def __init__(self, record: Record, estimate: Estimate, candidates: list[Candidate]) -> None:
-        self.record, self.estimate, self.candidates = record, estimate, candidates
-        self.plant: Plant = estimate.plant
-        self.parameters = {name: (estimate.values[name], estimate.errors[name]) for name in estimate.names}
-        each = np.array([estimate.fit_percent(o) for o in range(self.plant.outputs)])
-        self.fit_percent: float | Array = float(each[0]) if each.size == 1 else each
-
-    @property
-    def structure(self) -> str | list[str]:
-        """Of the output, or of each."""
-        names = [str(structure) for structure in self.estimate.problem.structures]
-        return names[0] if len(names) == 1 else names
-
-    @cached_property
-    def warnings(self) -> list[str]:
-        """What the data could not tell, or contradicts, in plain words."""
-        return diagnose(self.estimate)
-
-    @cached_property
-    def dead_time_known(self) -> list[bool]:
-        """Per input, whether its dead time is told apart from zero and from a lag."""
-        return [not reason for reason in indistinguishable(self.estimate)]
-
-    @property
-    def measurement_noise(self) -> Array:
-        """Variance of each output about the fit, shape (q,): the measurement noise of `Kalman`."""
-        return np.array([self.estimate.variance(o) for o in range(self.plant.outputs)])
-
-    def __repr__(self) -> str:
-        names = [self.structure] if isinstance(self.structure, str) else self.structure
-        lines = [
-            f"structure  {', '.join(names)}; explains {', '.join(f'{v:.1f}' for v in np.ravel(self.fit_percent))} %"
-        ]
-        lines += [f"{name:<9}  {value:.5g} +- {error:.2g}" for name, (value, error) in self.parameters.items()]
-        lines += [f"warning    {sentence}" for sentence in self.warnings]
-        return tree("Fit", lines)

@@ -17,11 +17,16 @@ REFERENCE = "#9a9a9a"
 
 
 def figure(
-    rows: int = 1, columns: int = 1, *, size: tuple[float, float], heights: Sequence[float] | None = None
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    size: tuple[float, float],
+    heights: Sequence[float] | None = None,
+    shared: bool = True,
 ) -> Figure:
-    """A figure with a grid of axes, light grid lines and no box; time axes are shared by column."""
+    """A figure with a grid of axes, light grid lines and no box; time axes are shared by column unless told not to."""
     fig = Figure(figsize=size, layout="constrained")
-    fig.subplots(rows, columns, squeeze=False, sharex="col", height_ratios=heights)
+    fig.subplots(rows, columns, squeeze=False, sharex="col" if shared else "none", height_ratios=heights)
     for axes in fig.axes:
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(alpha=0.25, linewidth=0.6)

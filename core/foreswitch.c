@@ -192,7 +192,6 @@ static fsw_status estimate(const fsw_design *d, const fsw_state *s, const fsw_re
             for (natural i = 0; i < n; i++) expected[i] = product(d->start_offset[i], d->start_row + i * z, y, z);
             for (natural i = 0; i < loads; i++) expected[n + i] = 0;
             known = usable(expected, n);
-            *outliers = 0;
             status = FSW_OK;
         } else if (correct(d, y, expected, corrected, outliers)) {
             best = corrected;

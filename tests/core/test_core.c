@@ -383,13 +383,28 @@ static void outliers(const fsw_design *d, fsw_state *state)
     CHECK(step_output(d, state, 100, &u) == FSW_OK && state->primed, "the first");
     for (uint16_t i = 0; i < d->gate_limit; i++) {
         CHECK(step_output(d, state, 900, &u) == FSW_COASTING && state->outliers == i + 1, "outlier %u", (unsigned)i);
-        CHECK(step_output(d, state, (fsw_real)NAN, &u) == FSW_COASTING && state->outliers == i + 1, "NaN counts as none");
+        CHECK(step_output(d, state, (fsw_real)NAN, &u) == FSW_COASTING && state->outliers == i + 1,
+              "NaN counts as none");
     }
     CHECK(step_output(d, state, 900, &u) == FSW_OK && state->outliers == d->gate_limit, "one too many");
     CHECK(state->x[0] > 150, "%g", (double)state->x[0]);
     ahead = *state;
     CHECK(step_output(d, &ahead, (fsw_real)NAN, &u) == FSW_COASTING, "a look ahead");
     CHECK(step_output(d, state, ahead.x[0], &u) == FSW_OK && state->outliers == 0, "inside again");
+}
+
+/* Usable, but what follows from it is not: as if nothing had been measured. */
+static void corrections_beyond_all_numbers(const fsw_design *gated, fsw_state *state)
+{
+    fsw_design d = *gated;
+    fsw_real u;
+    d.gate = NULL;
+    CHECK(fsw_init(&d, state) == FSW_VALID, "init");
+    CHECK(step_output(&d, state, 100, &u) == FSW_OK, "the first");
+    CHECK(step_output(&d, state, FSW_HUGE, &u) == FSW_COASTING, "huge");
+    CHECK(fabs((double)state->x[0] - 100) < 1 && fabs((double)state->x[1]) < 1, "%g %g", (double)state->x[0],
+          (double)state->x[1]);
+    CHECK(step_output(&d, state, 100, &u) == FSW_OK && fabs((double)state->x[0] - 100) < 1, "recovery");
 }
 
 static void known_start(const fsw_design *d, fsw_state *state)
@@ -419,6 +434,7 @@ int main(int count, char **arguments)
         if (d.gain) refused_estimators(&d, &state);
         if (d.gain && d.states == 2 && d.loads == 1 && d.measured == 1) {
             outliers(&d, &state);
+            corrections_beyond_all_numbers(&d, &state);
             known_start(&d, &state);
         }
         if (d.gain || d.states != 2 || d.inputs != 1 || d.disturbances != 0 || d.rows != 6) continue;

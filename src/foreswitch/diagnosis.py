@@ -125,9 +125,9 @@ def _rise_without_dead_time(estimate: Estimate) -> float:
             for structure, own in zip(longer, problem.slices, strict=True)
         ]
         starts.append(np.concatenate([*parts, np.zeros(problem.record.u.shape[1])]))
-    square = 2.0 * solve(rival, starts).cost
+    left = solve(rival, starts).residual()
     own = sum(sum(float(r @ r) for r in estimate.residuals(o)) / rival.sigma[o] ** 2 for o in range(len(longer)))
-    return square - own
+    return float(left @ left) - own
 
 
 def _dead_time(estimate: Estimate) -> list[str]:

@@ -19,7 +19,7 @@ from foreswitch.record import Record
 from foreswitch.response import Grid
 from foreswitch.structure import Structure
 
-__all__ = ["Problem", "Solution", "solve"]
+__all__ = ["Problem", "Trial", "scan", "solve"]
 
 #: Directions of the nuisance columns below this share of the largest are not told apart from the others.
 RANK = 1e-9
@@ -29,6 +29,8 @@ TIMES = 12
 DELAYS = 60
 #: Step of the central difference in a nonlinear parameter, which is of order one.
 STEP = 1e-5
+#: Tolerance and evaluations of the way down from each start, and of the last stretch.
+ROUGH, EXACT = (1e-4, 30), (1e-10, 60)
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,11 @@ class Problem:
         low = np.concatenate([low for low, _ in each] + [np.zeros(m)])
         high = np.concatenate([high for _, high in each] + [np.full(m, self.longest_delay)])
         return low, high
+
+    def ordered(self, theta: Array) -> Array:
+        """The same model with the parameters of each structure in their order."""
+        each = [structure.ordered(theta[own]) for structure, own in zip(self.structures, self.slices, strict=True)]
+        return np.concatenate([*each, theta[self.delays]])
 
     def undelayed(self, o: int, theta: Array) -> Undelayed:
         """States of output ``o`` at all samples, without dead time."""
@@ -252,36 +259,29 @@ class Trial:
         return np.concatenate([c - p.basis @ (p.basis.T @ c) for c, p in zip(columns, self.parts[o], strict=True)])
 
 
-@dataclass(frozen=True)
-class Solution:
-    """The best trial found."""
-
-    trial: Trial
-    cost: float  # half the sum of squares
-
-
-def solve(problem: Problem, starts: Sequence[Array]) -> Solution:
-    """The best of the local solutions that the starts lead to."""
+def solve(problem: Problem, starts: Sequence[Array]) -> Trial:
+    """The best of the local solutions that the starts lead to; only that one is solved to the last digit."""
     low, high = problem.bounds()
-    best: Solution | None = None
-    for start in starts:
+
+    def descend(start: Array, tolerance: float, evaluations: int) -> tuple[float, Array]:
         trials = _Trials(problem)
         inside = np.clip(start, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
         found = least_squares(
             trials.residual, inside, jac=trials.jacobian, bounds=(low, high), x_scale="jac",
-            ftol=1e-10, xtol=1e-9, gtol=1e-10, max_nfev=60,
+            ftol=tolerance, xtol=10.0 * tolerance, gtol=tolerance, max_nfev=evaluations,
         )  # fmt: skip
-        if best is None or found.cost < best.cost:
-            best = Solution(trials(found.x), float(found.cost))
-    assert best is not None, "no start"
-    return best
+        return float(found.cost), found.x
+
+    rough = min((descend(start, *ROUGH) for start in starts), key=lambda item: item[0])[1]
+    return Trial(problem, problem.ordered(descend(rough, *EXACT)[1]))
 
 
 class _Trials:
     """The last trial is kept: the solver asks for residual and Jacobian at the same point."""
 
     def __init__(self, problem: Problem) -> None:
-        self.problem, self.last = problem, None
+        self.problem = problem
+        self.last: Trial | None = None
 
     def __call__(self, theta: Array) -> Trial:
         if self.last is None or not np.array_equal(self.last.theta, theta):

@@ -166,7 +166,7 @@ class _Search:
 
     def _fit(self, o: int, structure: Structure, drift: bool) -> Estimate:
         problem = self.problem([structure], [drift], [o], self.coarse)
-        return Estimate(solve(problem, scan(problem)).trial)
+        return Estimate(solve(problem, scan(problem)))
 
     def _held_back_error(self, estimate: Estimate) -> float:
         """Root mean square error on the end of the record of a fit to its beginning."""
@@ -183,7 +183,7 @@ class _Search:
         except ValueError:
             return np.nan
         theta = problem_theta(old, problem, estimate.trial.theta)
-        fitted = solve(problem, [theta]).trial
+        fitted = solve(problem, [theta])
         rest = Problem(self.record, old.structures, old.drift, old.outputs, self.reach, self.coarse & ~self.train)
         errors = prediction_errors(fitted, rest)[0]
         return float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) if errors else np.nan
@@ -202,7 +202,7 @@ class _Search:
         delays = np.array([e.trial.theta[e.problem.delays] for e in parts])
         thetas = [problem_theta(e.problem, problem, e.trial.theta)[: -delays.shape[1]] for e in parts]
         start = np.concatenate([*thetas, (weights * delays).sum(axis=0) / weights.sum(axis=0)])
-        return Estimate(solve(problem, [start]).trial)
+        return Estimate(solve(problem, [start]))
 
 
 def problem_theta(old: Problem, new: Problem, theta: Array) -> Array:

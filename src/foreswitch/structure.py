@@ -116,7 +116,10 @@ class Structure:
         """A few theta whose slowest motion takes about ``time``; ``scale``: the time unit of a free order."""
         if self.order:
             rates = scale / time * 3.0 ** np.arange(self.order)
-            return [_sections(rates), _sections(np.r_[0.0, rates[1:]]), _sections(rates, damping=0.3)]
+            result = [_sections(rates), _sections(np.r_[0.0, rates[1:]]), _sections(rates, damping=0.3)]
+            if self.order % 2 and self.order > 1:  # the single pole slower than the pairs
+                result.append(_sections(np.roll(rates, -1), damping=0.3))
+            return result
         lags = [np.log(time) - i * np.log(3.0) for i in range(self.lags)]
         dampings = (0.2, 0.7) if self.pairs else (1.0,)
         rates = [-np.log(time) + i * np.log(3.0) for i in range(self.pairs)]

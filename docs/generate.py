@@ -327,7 +327,7 @@ CLAIMS = {
         "{estimated_full} kPa from a state",
         "Here they last {slowest_periods} periods (the load) and {other_periods} periods (the state)",
         "the offset is {leak_state_low} to {leak_state_high} kPa",
-        "takes part of the leak for noise: {leak_outputs} kPa. With the load at most {leak_load} kPa are left",
+        "takes part of the leak for noise: {leak_outputs} kPa. With the load these runs leave at most {leak_load} kPa",
     ],
     "hardware.md": [
         "the rms error is {travel} kPa instead of {sound} kPa",

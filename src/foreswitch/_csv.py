@@ -1,16 +1,17 @@
-"""CSV files in, each complaint naming file, row and column."""
+"""CSV files: in, each complaint naming file, row and column; and out, whole or not at all."""
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from foreswitch._check import Array
+from foreswitch._files import write_whole
 from foreswitch._text import nearest
 
-__all__ = ["read_columns"]
+__all__ = ["read_columns", "write_columns"]
 
 
 def read_columns(path: str | Path, wanted: Sequence[str | int], *, gaps: bool = False) -> tuple[list[Array], list[str]]:
@@ -88,3 +89,11 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def write_columns(path: str | Path, table: Mapping[str, Array]) -> None:
+    """Columns under a header row, nine digits."""
+    heads = (name.replace('"', '""') for name in table)
+    lines = [",".join(f'"{head}"' if set(head) & set(',"\r\n') else head for head in heads)]
+    lines += [",".join(f"{value:.9g}" for value in row) for row in zip(*table.values(), strict=True)]
+    write_whole(path, "\n".join(lines) + "\n")

@@ -5,22 +5,29 @@ from __future__ import annotations
 import json
 import sys
 import time
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import Progress
 from rich.table import Table
 
 from foreswitch._files import whole_folder, write_whole
 from foreswitch.compare import compare as run_compare
 from foreswitch.compare import switching_rate, total_rms
 from foreswitch.demo import hot_gas_file, run_demo
+from foreswitch.draft import draft_project
+from foreswitch.fit import Fit
+from foreswitch.identify import identify as run_identify
 from foreswitch.project import Project
+from foreswitch.record import Record
 from foreswitch.reference import Samples
-from foreswitch.report import metric_table, run_report
+from foreswitch.report import candidate_table, fit_report, metric_table, parameter_table, run_report
 from foreswitch.run import listed
 
 __all__ = ["main"]
@@ -55,21 +62,26 @@ def options(
 
 @app.command(epilog="Example: foreswitch demo --out demo")
 def demo(out: Out = Path("foreswitch-demo"), as_json: Json = False) -> None:
-    """Track a trajectory on the hot-gas example, beside what people use today."""
+    """Pulse test, model, controller and tracked trajectory on the hot-gas example, beside what people use today."""
     console = Console(stderr=True)
     begun = time.perf_counter()
     with whole_folder(out) as folder, console.status("hot gas") as status:
         result = run_demo(lambda what: status.update(what))
         result.report.write(folder)
+        result.fit.record.to_csv(folder / "pulses.csv")
         runs = result.tracking | {name: best.run for name, best in result.tuned.items()}
+        runs |= {f"rig, {name}": run for name, run in result.rig.items()}
         runs |= {f"{frequency:g} Hz with vent": run for frequency, run in result.cyclic.items()}
         for name, run in runs.items():
             run.to_csv(folder / f"{_slug(name)}.csv")
         summary = {name: listed(run.metrics()) for name, run in runs.items()}
         write_whole(folder / "metrics.json", _json(summary))
+        write_whole(folder / "fit.json", _json(_fit_summary(result.fit)))
     if as_json:
         print(_json(summary), end="")
         return
+    _print_table(f"Pulse test, {result.fit.structure}", parameter_table(result.fit))
+    _print_table("The rig, identified and tracked", metric_table(result.rig, "kPa"))
     _print_table("Hot gas, half-period sinusoid", metric_table(result.tracking, "kPa"))
     _print_table("Tuned baselines, same task", metric_table({n: b.run for n, b in result.tuned.items()}, "kPa"))
     _print_table("Cyclic, with a proportional vent", metric_table(
@@ -88,6 +100,93 @@ def init(
     with whole_folder(folder) as work:
         write_whole(work / "project.toml", hot_gas_file().read_bytes())
     print(f"{target}: edit it, then 'foreswitch simulate {target}'")
+
+
+@app.command(epilog="Example: foreswitch identify pulses.csv --time t --input u --output p --out tank")
+def identify(
+    record: Annotated[Path, typer.Argument(metavar="RECORD.csv", help="Record of a test, one row per sample.")],
+    time_column: Annotated[
+        str, typer.Option("--time", help="Column of the instants [s]: name, or number from 1.")
+    ] = "1",
+    inputs: Annotated[
+        list[str] | None, typer.Option("--input", help="Column of the command; several times if there are several.")
+    ] = None,
+    outputs: Annotated[
+        list[str] | None, typer.Option("--output", help="Column of the measurement; several times if several.")
+    ] = None,
+    segment: Annotated[
+        str | None, typer.Option("--segment", help="Column whose change begins a separate experiment.")
+    ] = None,
+    skip: Annotated[list[str] | None, typer.Option("--skip", help="Stretch to leave out, FROM:TO in seconds.")] = None,
+    structure: Annotated[
+        str, typer.Option("--structure", help='"auto", a chain such as "integrator+lag", "lag+pair", or "order 3".')
+    ] = "auto",
+    drift: Annotated[
+        bool | None, typer.Option("--drift/--no-drift", help="Whether the output drifts; default found out.")
+    ] = None,
+    longest_delay: Annotated[
+        float | None, typer.Option("--longest-delay", help="Largest dead time looked for [s].")
+    ] = None,
+    out: Out = Path("identified"),
+    as_json: Json = False,
+) -> None:
+    """Find a plant with its dead time from a record, and draft a project file."""
+    columns = {"input": inputs or ["2"], "output": outputs or ["3"], "time": time_column, "segment": segment}
+    data = Record.read_csv(record, skip=[_stretch(text) for text in skip or ()], **_columns(columns))
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("reading", total=1.0)
+        fit = run_identify(
+            data, structure, drift=drift, longest_delay=longest_delay,
+            progress=lambda share, what: bar.update(task, completed=share, description=what),
+        )  # fmt: skip
+    summary = _fit_summary(fit)
+    project = draft_project(fit, record.name)
+    with whole_folder(out) as folder:
+        fit_report(record.name, fit).write(folder)
+        write_whole(folder / "project.toml", project)
+        write_whole(folder / "fit.json", _json(summary))
+    if as_json:
+        print(_json(summary), end="")
+        return
+    _print_table("Structures compared", candidate_table(fit))
+    _print_table(", ".join(summary["structure"]), parameter_table(fit))
+    for sentence in fit.warnings:
+        print(f"Warning: {sentence}")
+    print(f"{out / 'project.toml'}: edit it, then 'foreswitch simulate {out / 'project.toml'}'")
+    print(f"{out / 'report.html'} and pictures beside it")
+
+
+def _columns(wanted: dict[str, Any]) -> dict[str, Any]:
+    """Column names; whole numbers are positions."""
+
+    def one(name: Any) -> Any:
+        return [one(each) for each in name] if isinstance(name, list) else int(name) if str(name).isdigit() else name
+
+    return {key: one(value) for key, value in wanted.items()}
+
+
+def _stretch(text: str) -> tuple[float, float]:
+    try:
+        start, end = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise ValueError(f"--skip is {text!r}; give FROM:TO in seconds, such as 10:12.5") from None
+    return start, end
+
+
+def _fit_summary(fit: Fit) -> dict[str, Any]:
+    return {
+        "structure": np.atleast_1d(fit.structure).tolist(),
+        "parameters": {name: {"value": v, "standard_error": e} for name, (v, e) in fit.parameters.items()},
+        "fit_percent": np.ravel(fit.fit_percent).tolist(),
+        "u_offset": fit.plant.u_offset.tolist(),
+        "y_offset": fit.plant.y_offset.tolist(),
+        "measurement_noise": fit.measurement_noise.tolist(),
+        "candidates": [
+            asdict(each) | {"held_back": each.held_back if np.isfinite(each.held_back) else None}
+            for each in fit.candidates
+        ],
+        "warnings": fit.warnings,
+    }
 
 
 @app.command(epilog="Example: foreswitch simulate project.toml --reference reference.csv --out run")

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from foreswitch import _check
 from foreswitch._check import Array
-from foreswitch._csv import read_columns
+from foreswitch._csv import read_columns, write_columns
 from foreswitch._text import tree
 
 __all__ = ["Record"]
@@ -198,6 +198,22 @@ class Record:
             self.t[inside], self.u[inside], self.y[inside], segments=labels[inside], skip=self.skip,
             input_names=self.input_names, output_names=self.output_names,
         )  # fmt: skip
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write as CSV: time, inputs, outputs, and the segment's number if there are several.
+
+        Parameters
+        ----------
+        path : path
+        """
+        table = {"t": self.t}
+        table |= {name: self.u[:, j] for j, name in enumerate(self.input_names)}
+        table |= {name: self.y[:, o] for o, name in enumerate(self.output_names)}
+        if len(self._segments) > 1:
+            table["segment"] = np.zeros(self.t.size)
+            for i, stretch in enumerate(self._segments):
+                table["segment"][stretch] = i + 1
+        write_columns(path, table)
 
     @property
     def segments(self) -> list[slice]:

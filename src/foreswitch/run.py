@@ -14,6 +14,7 @@ from scipy.optimize import minimize_scalar
 
 from foreswitch import plot
 from foreswitch._check import Array
+from foreswitch._csv import write_columns
 from foreswitch._files import write_whole
 from foreswitch._text import tree
 from foreswitch.core import CORES
@@ -181,11 +182,7 @@ class Run:
         ----------
         path : path
         """
-        table = self.columns()
-        heads = (name.replace('"', '""') for name in table)
-        lines = [",".join(f'"{head}"' if set(head) & set(',"\r\n') else head for head in heads)]
-        lines += [",".join(f"{value:.9g}" for value in row) for row in zip(*table.values(), strict=True)]
-        write_whole(path, "\n".join(lines) + "\n")
+        write_columns(path, self.columns())
 
     def plot(self, **options: Any) -> Figure:
         """Output with its reference behind, and the commands as stairs.

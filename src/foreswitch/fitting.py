@@ -27,10 +27,12 @@ RANK = 1e-9
 TIMES = 12
 #: Dead times tried for each of them.
 DELAYS = 60
+#: Starts followed, of a free order up to so many with dead times that differ by this share.
+BEST, VALLEYS, APART = 3, 12, 0.25
 #: Step of the central difference in a nonlinear parameter, which is of order one.
 STEP = 1e-5
-#: Tolerance and evaluations of the way down from each start, and of the last stretch.
-ROUGH, EXACT = (1e-4, 30), (1e-10, 60)
+#: Stages of the way down from the starts: tolerance, most evaluations, how many go on.
+DESCENT = ((1e-2, 8, 4), (1e-4, 30, 1), (1e-10, 60, 1))
 
 
 @dataclass(frozen=True)
@@ -260,20 +262,21 @@ class Trial:
 
 
 def solve(problem: Problem, starts: Sequence[Array]) -> Trial:
-    """The best of the local solutions that the starts lead to; only that one is solved to the last digit."""
+    """The best of the local solutions that the starts lead to; only the best few are followed all the way."""
     low, high = problem.bounds()
 
-    def descend(start: Array, tolerance: float, evaluations: int) -> tuple[float, Array]:
+    found = [np.clip(start, low + 1e-6 * (high - low), high - 1e-6 * (high - low)) for start in starts]
+    for tolerance, evaluations, survivors in DESCENT:
         trials = _Trials(problem)
-        inside = np.clip(start, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
-        found = least_squares(
-            trials.residual, inside, jac=trials.jacobian, bounds=(low, high), x_scale="jac",
-            ftol=tolerance, xtol=10.0 * tolerance, gtol=tolerance, max_nfev=evaluations,
-        )  # fmt: skip
-        return float(found.cost), found.x
-
-    rough = min((descend(start, *ROUGH) for start in starts), key=lambda item: item[0])[1]
-    return Trial(problem, problem.ordered(descend(rough, *EXACT)[1]))
+        descents = [
+            least_squares(
+                trials.residual, start, jac=trials.jacobian, bounds=(low, high), x_scale="jac",
+                ftol=tolerance, xtol=10.0 * tolerance, gtol=tolerance, max_nfev=evaluations,
+            )
+            for start in found
+        ]  # fmt: skip
+        found = [descent.x for descent in sorted(descents, key=lambda descent: float(descent.cost))[:survivors]]
+    return Trial(problem, problem.ordered(found[0]))
 
 
 class _Trials:
@@ -295,22 +298,34 @@ class _Trials:
         return self(theta).jacobian()
 
 
-def scan(problem: Problem, keep: int = 3) -> list[Array]:
-    """Starts for one output: time constants and dead times on a grid, the best few."""
+def scan(problem: Problem) -> list[Array]:
+    """Starts for one output: the best of time constants and dead times on a grid.
+
+    The zeros of a free order imitate a dead time so well that it has a valley for each of several dead times; so its
+    starts also include the best of several clearly different dead times.
+    """
     structure = problem.structures[0]
     found = []
     times = np.geomspace(problem.shortest / 3.0, problem.longest, TIMES) if structure.names else [problem.shortest]
     for time in times:
         grid = _delay_grid(problem, float(time))
         for theta in structure.starts(float(time), problem.scale):
-            delays, value = _best_delays(problem, theta, grid)
-            found.append((value, np.concatenate([theta, delays])))
+            found += [(value, np.concatenate([theta, delays])) for delays, value in _valleys(problem, theta, grid)]
     found.sort(key=lambda item: item[0])
-    return [start for _, start in found[:keep]]
+    starts = [start for _, start in found]
+    result = starts[:BEST]
+    for start in starts[BEST:] if structure.order else ():
+        here = start[problem.delays]
+        if all((np.abs(here - other[problem.delays]) > APART * np.maximum(here, problem.shortest)).any()
+               for other in result):  # fmt: skip
+            result.append(start)
+        if len(result) == VALLEYS:
+            break
+    return result
 
 
-def _best_delays(problem: Problem, theta: Array, grid: Array) -> tuple[Array, float]:
-    """The best common dead time on the grid, then the best of each input, and the sum of squares left."""
+def _valleys(problem: Problem, theta: Array, grid: Array) -> list[tuple[Array, float]]:
+    """Dead times on the grid at which the sum of squares is least, with that sum; the best one refined per input."""
     m = problem.record.u.shape[1]
     bases = [_orthonormal(columns)[0] for columns in problem.nuisance(0, theta)]
     reduced = np.concatenate([v - Q @ (Q.T @ v) for Q, v in zip(bases, problem.y[0], strict=True)])
@@ -322,18 +337,18 @@ def _best_delays(problem: Problem, theta: Array, grid: Array) -> tuple[Array, fl
         explained = Q.T @ reduced
         return float(reduced @ reduced - explained @ explained)
 
-    trials = [np.full(m, delay) for delay in grid]
-    costs = [cost(trial) for trial in trials]
-    best = int(np.argmin(costs))
-    delays, value = trials[best], costs[best]
+    costs = np.array([cost(np.full(m, delay)) for delay in grid])
+    walled = np.r_[np.inf, costs, np.inf]
+    lowest = np.flatnonzero((costs < walled[:-2]) & (costs <= walled[2:]))
+    result = [(np.full(m, grid[i]), float(costs[i])) for i in lowest[np.argsort(costs[lowest])]]
     for j in range(m if m > 1 else 0):
         for delay in grid:
-            trial = delays.copy()
+            trial = result[0][0].copy()
             trial[j] = delay
             now = cost(trial)
-            if now < value:
-                delays, value = trial, now
-    return delays, value
+            if now < result[0][1]:
+                result[0] = trial, now
+    return result
 
 
 def _delay_grid(problem: Problem, time: float) -> Array:

@@ -4,6 +4,7 @@ import json
 import re
 import sys
 
+import numpy as np
 import pytest
 
 from foreswitch import cli
@@ -39,15 +40,110 @@ def test_demo_writes_report_pictures_and_traces(run, tmp_path):
     assert metrics["predictive"]["rms_error_at_lag"] < 3.0 < metrics["dead time ignored"]["rms_error_at_lag"]
     assert metrics["predictive, preview"]["rms_error"] == pytest.approx(3.0, abs=0.05)
     names = {path.name for path in (tmp_path / "demo").iterdir()}
-    for picture in ("tracking", "dead_time", "decision", "cyclic", "comparison"):
-        assert {f"{picture}.png", f"{picture}.svg"} <= names
-    assert sum(name.endswith(".csv") for name in names) == len(metrics) == 11
+    pictures = {"pulse_record", "pulse_average", "rig", "tracking", "dead_time", "decision", "cyclic", "comparison"}
+    assert {f"{picture}.{kind}" for picture in pictures for kind in ("png", "svg")} <= names
+    assert sum(name.endswith(".csv") for name in names) == len(metrics) + 1 == 14
     report = (tmp_path / "demo/report.html").read_text()
-    assert report.count("<svg") == 5
+    assert report.count("<svg") == len(pictures)
     # self-contained: nothing is loaded from anywhere
     assert not re.search(r"""(src|href)=["'](?!#)""", report)
     assert "url(http" not in report
     assert "@import" not in report
+
+
+def test_the_demo_identifies_the_rig_and_tracks_it_from_its_pressure(run, tmp_path):
+    assert run("demo", "--out", "demo")[0] == 0
+    fit = json.loads((tmp_path / "demo/fit.json").read_text())
+    for name, paper in (("k", 16500.0), ("c", 0.006), ("delay", 0.005)):
+        assert fit["parameters"][name]["value"] == pytest.approx(paper, rel=0.05)
+    metrics = json.loads((tmp_path / "demo/metrics.json").read_text())
+    tracked = metrics["rig, identified, pressure only"]["rms_error"]
+    assert tracked < 1.25 * metrics["predictive, preview"]["rms_error"]
+    # the record it wrote is one that the verb identify takes
+    code, out, _ = run("identify", "demo/pulses.csv", "--structure", "integrator+lag", "--json")
+    assert code == 0
+    assert json.loads(out)["parameters"]["c"]["value"] == pytest.approx(fit["parameters"]["c"]["value"], rel=1e-4)
+
+
+# identify -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def pulses(tmp_path):
+    """A record of a self-regulating plant, with a stretch in which the sensor was off."""
+    rng = np.random.default_rng(1)
+    t = np.arange(0.0, 60.0, 0.1)
+    u = ((t % 20.0 > 3.0) & (t % 20.0 < 9.0)).astype(float)
+    y, level = np.empty(t.size), 0.0
+    for i in range(t.size):
+        level += 0.1 / 2.0 * (5.0 * u[max(i - 8, 0)] - level)
+        y[i] = 20.0 + level + 0.02 * rng.standard_normal()
+    rows = [f"{a:.1f};{b:g};{'' if 30.0 <= a <= 32.0 else f'{c:.5f}'}" for a, b, c in zip(t, u, y, strict=True)]
+    path = tmp_path / "pulses.csv"
+    path.write_text("time [s];heater;T [degC]\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def test_identify_writes_a_project_that_runs(run, pulses, tmp_path):
+    arguments = ("identify", "pulses.csv", "--time", "time [s]", "--input", "heater", "--output", "T [degC]")
+    code, out, err = run(*arguments, "--skip", "29.9:32.1", "--out", "oven")
+    assert (code, err) == (0, "")
+    assert "lag (chosen)" in out
+    assert {path.name for path in (tmp_path / "oven").iterdir()} >= {"project.toml", "report.html", "fit.json"}
+    fit = json.loads((tmp_path / "oven/fit.json").read_text())
+    assert fit["structure"] == ["lag"]
+    assert fit["parameters"]["K"]["value"] == pytest.approx(5.0, rel=0.02)
+    assert fit["y_offset"][0] == pytest.approx(20.0, abs=0.05)
+    text = (tmp_path / "oven/project.toml").read_text()
+    assert 'input_names = ["heater"]' in text
+    assert "[estimator]" in text
+    assert run("simulate", "oven/project.toml")[0] == 0
+
+
+BAD_RECORDS = {
+    "empty": ("", "give a header row"),
+    "header only": ("t,u,y\n", "give a header row"),
+    "three samples": ("t,u,y\n0,0,0\n1,1,0\n2,1,1\n", "3 samples; at least 8"),
+    "constant input": ("t,u,y\n" + "".join(f"{i},1,{i % 3}\n" for i in range(40)), "input u is 1 throughout"),
+    "constant output": ("t,u,y\n" + "".join(f"{i},{i % 2},5\n" for i in range(40)), "output y is 5 throughout"),
+    "instants twice": ("t,u,y\n" + "".join(f"{i // 2},{i % 2},{i}\n" for i in range(40)), "0 s twice"),
+    "backwards": ("t,u,y\n" + "".join(f"{40 - i},{i % 2},{i}\n" for i in range(40)), "must ascend"),
+    "gap": ("t,u,y\n" + "".join(f"{i},{i % 2},{'nan' if i == 7 else i}\n" for i in range(40)), "at t = 7 s"),
+    "text": ("t,u,y\n" + "".join(f"{i},{i % 2},{'off' if i == 7 else i}\n" for i in range(40)), "holds 'off'"),
+    "no such column": ("t,u\n" + "".join(f"{i},{i % 2}\n" for i in range(40)), "no column 3"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_RECORDS)
+def test_a_bad_record_is_one_sentence_and_nothing_is_written(run, tmp_path, name):
+    text, words = BAD_RECORDS[name]
+    (tmp_path / "pulses.csv").write_text(text)
+    code, out, err = run("identify", "pulses.csv", "--out", "tank")
+    assert (code, out) == (2, "")
+    assert err.startswith("foreswitch: pulses.csv")
+    assert words in err
+    assert err.count("\n") == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"pulses.csv"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--structure", "integrator+lagg"), "has the term 'lagg'; did you mean 'lag'"),
+        (("--skip", "3"), "--skip is '3'; give FROM:TO"),
+        (("--skip", "5:3"), "must end after it starts"),
+        (("--longest-delay", "-1"), "longest_delay is -1"),
+    ],
+)
+def test_bad_wishes_for_a_fit_are_one_sentence(run, pulses, tmp_path, arguments, words):
+    code, out, err = run("identify", "pulses.csv", "--skip", "29.9:32.1", *arguments)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert err.count("\n") == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"pulses.csv"}
+
+
+# simulate -------------------------------------------------------------------------------------------------------------
 
 
 def test_simulate_follows_the_users_own_reference(run, project, tmp_path):
@@ -86,7 +182,6 @@ def test_init_refuses_to_overwrite(run, project, tmp_path):
     [
         ("", "give a header row"),
         ("t,p\n", "give a header row"),
-        ("0,0\n1,5\n", "starts with numbers"),
         ("t\n0\n1\n", "no column 2"),
         ("t,p\n0,0\n1,abc\n", "column 'p' holds 'abc'"),
         ("t,p\n0,0\n1,nan\n", "column 'p' holds 'nan'"),
@@ -127,7 +222,7 @@ def test_bad_usage_is_exit_code_2_and_one_line(run, project, tmp_path, arguments
     assert {path.name for path in tmp_path.iterdir()} == {"valve", "broken.toml"}
 
 
-@pytest.mark.parametrize("verb", ["demo", "init", "simulate", "compare"])
+@pytest.mark.parametrize("verb", ["demo", "init", "identify", "simulate", "compare"])
 def test_every_verb_has_help_with_an_example(run, verb):
     code, out, _ = run(verb, "--help")
     assert code == 0
@@ -138,7 +233,7 @@ def test_nothing_is_left_when_writing_fails_midway(run, project, tmp_path, monke
     def fail(*_):
         raise OSError(28, "No space left on device", "run.csv")
 
-    monkeypatch.setattr("foreswitch.run.write_whole", fail)
+    monkeypatch.setattr("foreswitch._csv.write_whole", fail)
     code, _, err = run("simulate", project, "--out", "out")
     assert code == 2
     assert "No space left" in err

@@ -133,7 +133,8 @@ def identify(
     """Find a plant with its dead time from a record, and draft a project file."""
     columns = {"input": inputs or ["2"], "output": outputs or ["3"], "time": time_column, "segment": segment}
     data = Record.read_csv(record, skip=[_stretch(text) for text in skip or ()], **_columns(columns))
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("reading", total=1.0)
         fit = run_identify(
             data, structure, drift=drift, longest_delay=longest_delay,

@@ -97,12 +97,17 @@ class Fit:
         100 (1 - |residual| / |y - mean|).
     candidates : list of Candidate
         The structures compared, best criterion first.
+    record : Record
+    estimate : Estimate
+        The numbers behind: covariance, residuals, offsets by segment.
     """
 
     def __init__(self, record: Record, estimate: Estimate, candidates: list[Candidate]) -> None:
         self.record, self.estimate, self.candidates = record, estimate, candidates
         self.plant: Plant = estimate.plant
-        self.parameters = {name: (estimate.values[name], estimate.errors[name]) for name in estimate.names}
+        self.parameters = {
+            name: (float(estimate.values[name]), float(estimate.errors[name])) for name in estimate.names
+        }
         each = np.array([estimate.fit_percent(o) for o in range(self.plant.outputs)])
         self.fit_percent: float | Array = float(each[0]) if each.size == 1 else each
 

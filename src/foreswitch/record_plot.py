@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -23,7 +24,7 @@ BEFORE = 0.1
 MEASURED = "0.45"
 
 
-def _segments(estimate: Estimate) -> list[tuple[slice, Array, Array]]:
+def _segments(estimate: Estimate) -> list[tuple[slice, Any, Array]]:
     """Per segment fitted: where it lies in the record, which of its samples to draw, and their times after its start."""
     problem, result = estimate.problem, []
     for stretch, rows in zip(problem.stretches, problem.samples, strict=True):
@@ -46,7 +47,7 @@ def record_figure(estimate: Estimate) -> Figure:
         for o in range(q):
             y, residual = problem.y[o][column][thin], estimate.residuals(o)[column][thin]
             axes = grid[o, column]
-            axes.plot(factor * t, y, ".", color=MEASURED, markersize=2.0, label="measured", rasterized=y.size > 3000)
+            axes.plot(factor * t, y, ".", color=MEASURED, markersize=3.0, label="measured", rasterized=y.size > 3000)
             draw_output(axes, factor * t, y - residual, None, label=f"fit, {estimate.fit_percent(o):.1f} %")
         for j in range(m):
             rows = np.arange(stretch.start, stretch.stop, -(-(stretch.stop - stretch.start) // MOST))
@@ -96,32 +97,33 @@ def equal_pulses(estimate: Estimate, j: int) -> Pulses | None:
 def pulse_figure(estimate: Estimate) -> Figure | None:
     """The average response to equal pulses with its scatter, and the fit's (the paper's Fig. 3); None without pulses."""
     problem, record = estimate.problem, estimate.problem.record
-    found = [(j, pulses) for j in range(record.u.shape[1]) if (pulses := equal_pulses(estimate, j))]
+    q, found = len(problem.outputs), []
+    for j in range(record.u.shape[1]):
+        if pulses := equal_pulses(estimate, j):
+            grid = np.linspace(-BEFORE * pulses.room, (1.0 - 1e-9) * pulses.room, 240)
+            windows = [_windows(estimate, o, pulses, grid) for o in range(q)]
+            if len(windows[0][0]) >= 2:  # others lie at the record's ends or over skipped stretches
+                found.append((j, pulses, grid, windows))
     if not found:
         return None
-    q = len(problem.outputs)
     fig = figure(q, len(found), size=(max(7.2, 4.2 * len(found)), 3.2 * q + 0.3))
-    grid = np.array(fig.axes).reshape(q, len(found))
-    for column, (j, pulses) in enumerate(found):
-        grid_t = np.linspace(-BEFORE * pulses.room, (1.0 - 1e-9) * pulses.room, 240)
+    axes_of = np.array(fig.axes).reshape(q, len(found))
+    for column, (j, pulses, grid, windows) in enumerate(found):
         factor, label = time_scale(pulses.room)
-        for o in range(q):
-            measured, fitted = _windows(estimate, o, pulses, grid_t)
-            axes = grid[o, column]
-            if not len(measured):
-                continue
+        for o, (measured, fitted) in enumerate(windows):
+            axes, t = axes_of[o, column], factor * grid
             for line in measured[:: -(-len(measured) // SINGLE)]:
-                axes.plot(factor * grid_t, line, color=MEASURED, linewidth=0.4, alpha=0.25, zorder=1)
+                axes.plot(t, line, color=MEASURED, linewidth=0.4, alpha=0.25, zorder=1)
             mean, spread = measured.mean(axis=0), measured.std(axis=0, ddof=1)
-            axes.fill_between(factor * grid_t, mean - spread, mean + spread, color="0.82", zorder=0, label="± one deviation")
-            axes.plot(factor * grid_t, mean, color="0.15", linewidth=1.3, label=f"average of {len(measured)}", zorder=3)
-            structure = problem.structures[o]
-            axes.plot(factor * grid_t, fitted.mean(axis=0), color=COLOURS[1], linewidth=1.3, linestyle="--",
-                      label=str(structure), zorder=4)  # fmt: skip
+            axes.fill_between(t, mean - spread, mean + spread, color="0.75", zorder=0, label="± one deviation")
+            axes.plot(t, mean, color="0.15", linewidth=1.3, label=f"average of {len(measured)}", zorder=3)
+            name = str(problem.structures[o])
+            axes.plot(t, fitted.mean(axis=0), "--", color=COLOURS[1], linewidth=1.3, label=name, zorder=4)
             axes.axvspan(0.0, factor * pulses.width, color=COLOURS[0], alpha=0.15, linewidth=0, label="pulse")
             axes.set_ylabel(f"{record.output_names[problem.outputs[o]]}, change", fontsize=9)
             axes.legend(fontsize=8, frameon=False)
-        grid[-1, column].set_xlabel(f"{label.replace('time', f'time since a pulse of {record.input_names[j]}')}", fontsize=9)
+        since = f"time since a pulse of {record.input_names[j]}"
+        axes_of[-1, column].set_xlabel(label.replace("time", since), fontsize=9)
     return fig
 
 
@@ -134,7 +136,11 @@ def _windows(estimate: Estimate, o: int, pulses: Pulses, grid: Array) -> tuple[A
         for at in pulses.at[(pulses.at >= problem.stretches[s].start) & (pulses.at < problem.stretches[s].stop)]:
             instants = problem.record.t[at] + grid
             inside = slice(*np.searchsorted(t, [instants[0] - 1e-9, instants[-1] + 1e-9]))
-            if instants[0] < t[0] or instants[-1] > t[-1] or np.diff(t[inside]).max(initial=0.0) > 5.0 * problem.shortest:
+            if (
+                instants[0] < t[0]
+                or instants[-1] > t[-1]
+                or np.diff(t[inside]).max(initial=0.0) > 5.0 * problem.shortest
+            ):
                 continue  # at the record's ends, or over a skipped stretch
             start = np.interp(problem.record.t[at], t, fit)
             measured.append(np.interp(instants, t, y) - start)

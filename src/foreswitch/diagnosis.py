@@ -126,8 +126,8 @@ def _rise_without_dead_time(estimate: Estimate) -> float:
         ]
         starts.append(np.concatenate([*parts, np.zeros(problem.record.u.shape[1])]))
     left = solve(rival, starts).residual()
-    own = sum(sum(float(r @ r) for r in estimate.residuals(o)) / rival.sigma[o] ** 2 for o in range(len(longer)))
-    return float(left @ left) - own
+    own = sum(float(r @ r) / rival.sigma[o] ** 2 for o in range(len(longer)) for r in estimate.residuals(o))
+    return float(left @ left - own)
 
 
 def _dead_time(estimate: Estimate) -> list[str]:

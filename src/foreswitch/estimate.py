@@ -45,12 +45,12 @@ class Estimate:
     @cached_property
     def samples(self) -> int:
         """Number of samples of each output that were fitted."""
-        return sum(grid.at.size for grid in self.problem.grids)
+        return sum(int(grid.at.size) for grid in self.problem.grids)
 
     def unknowns(self, o: int) -> int:
         """Parameters of one output, nuisance ones included."""
-        own = len(self.problem.structures[o].names) + self.trial.linear[o].gains.size + self.problem.record.u.shape[1]
-        return own + sum(part.basis.shape[1] for part in self.trial.parts[o])
+        nonlinear = len(self.problem.structures[o].names) + self.problem.record.u.shape[1]
+        return nonlinear + self.trial.linear[o].gains.size + sum(part.basis.shape[1] for part in self.trial.parts[o])
 
     def variance(self, o: int) -> float:
         """Of the residuals of output ``o``."""
@@ -79,7 +79,7 @@ class Estimate:
         """Share of the output's motion that the model explains, 100 (1 - |residual| / |y - mean|)."""
         y = [v - v.mean() for v in self.problem.y[o]]
         moved = sum(float(v @ v) for v in y)
-        return 100.0 * (1.0 - np.sqrt(sum(float(r @ r) for r in self.residuals(o)) / moved))
+        return float(100.0 * (1.0 - np.sqrt(sum(float(r @ r) for r in self.residuals(o)) / moved)))
 
     # ---- Parameters ----
 
@@ -140,13 +140,14 @@ class Estimate:
     @cached_property
     def _sensitivity(self) -> list[list[Array]]:
         """Per output and segment, the derivative by what was fitted, (W, unknowns), nuisance part not removed."""
-        result, at = [], self.trial.theta.size
+        result: list[list[Array]] = []
+        at = self.trial.theta.size
         for o, linear in enumerate(self.trial.linear):
             own = [*range(self.problem.slices[o].start, self.problem.slices[o].stop)]
             own += [*range(self.problem.delays.start, self.problem.delays.stop)]
             own += [*range(at, at + linear.gains.size)]
             at += linear.gains.size
-            each = []
+            each: list[Array] = []
             for derivative, part in zip(self.trial.derivatives(o), self.trial.parts[o], strict=True):
                 block = np.zeros((derivative.shape[0], self._vector.size))
                 block[:, own] = np.hstack([derivative, part.forced])
@@ -194,7 +195,7 @@ class Estimate:
                 value -= float(at_rest)
             row = (want @ part.back) @ part.basis.T
             spread = direct - row @ block
-            result.append((value, float(np.sqrt(variance * (row @ row) + spread @ self._fitted_covariance @ spread))))
+            result.append((value, float(np.sqrt(max(variance * (row @ row) + spread @ self._fitted_covariance @ spread, 0.0)))))
         return result
 
     def _static_gain(self, o: int) -> Array:
@@ -203,7 +204,7 @@ class Estimate:
         structure, theta = p.structures[o], self.trial.theta[p.slices[o]]
         gains = np.split(self.trial.linear[o].gains, p.record.u.shape[1])
         den = structure.denominator(theta, p.scale)
-        return np.array([structure.numerator(theta, each, p.scale)[-1] for each in gains]) / den[-1]
+        return np.array([structure.numerator(theta, each, p.scale)[-1] / den[-1] for each in gains])
 
     @cached_property
     def plant(self) -> Plant:

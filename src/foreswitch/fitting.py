@@ -7,11 +7,12 @@ Kaufman's Jacobian), and offset and drift are removed as part of the fit, not be
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from foreswitch._check import Array
@@ -19,7 +20,7 @@ from foreswitch.record import Record
 from foreswitch.response import Grid
 from foreswitch.structure import Structure
 
-__all__ = ["Problem", "Trial", "scan", "solve"]
+__all__ = ["Problem", "Trial", "search", "solve"]
 
 #: Directions of the nuisance columns below this share of the largest are not told apart from the others.
 RANK = 1e-9
@@ -29,6 +30,8 @@ TIMES = 12
 DELAYS = 60
 #: Starts followed, of a free order up to so many with dead times that differ by this share.
 BEST, VALLEYS, APART = 3, 12, 0.25
+#: Dead times tried again with the poles found.
+AGAIN = 100
 #: Step of the central difference in a nonlinear parameter, which is of order one.
 STEP = 1e-5
 #: Stages of the way down from the starts: tolerance, most evaluations, how many go on.
@@ -79,15 +82,16 @@ class Problem:
         drift: Sequence[bool],
         outputs: Sequence[int],
         longest_delay: float,
-        keep: Array | None = None,
+        keep: NDArray[np.bool_] | None = None,
     ) -> None:
         self.record, self.structures, self.drift, self.outputs = record, list(structures), list(drift), list(outputs)
         self.longest_delay = longest_delay
         self.keep = keep = record.used if keep is None else record.used & keep
         self.grids: list[Grid] = []
         self.inputs: list[Array] = []  # (m, N) each
-        self.samples: list[Array] = []
+        self.samples: list[NDArray[np.intp]] = []
         self.stretches: list[slice] = []
+        self.y: list[list[Array]] = [[] for _ in outputs]  # per output and segment
         for stretch in record.segments:
             wanted = np.flatnonzero(keep[stretch])
             if wanted.size == 0:
@@ -96,6 +100,8 @@ class Problem:
             self.grids.append(Grid(record.t[stretch], wanted))
             self.inputs.append(np.ascontiguousarray((record.u[stretch] - record.u[stretch.start]).T))
             self.samples.append(wanted + stretch.start)
+            for own, o in zip(self.y, outputs, strict=True):
+                own.append(record.y[wanted + stretch.start, o])
         self.scale = float(np.median([grid.t[-1] for grid in self.grids])) / 10.0
         self.shortest = min(grid.interval for grid in self.grids)
         self.longest = max(float(grid.t[-1]) for grid in self.grids)
@@ -103,8 +109,6 @@ class Problem:
         edges = np.cumsum([0] + [len(structure.names) for structure in self.structures])
         self.slices = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
         self.delays = slice(int(edges[-1]), int(edges[-1]) + record.u.shape[1])
-        y = [record.y[np.ix_(rows, self.outputs)] for rows in self.samples]
-        self.y = [[part[:, o] for part in y] for o in range(len(self.outputs))]
 
     def bounds(self) -> tuple[Array, Array]:
         """Of all nonlinear parameters, the dead times last."""
@@ -189,23 +193,22 @@ class Linear:
 
     gains: Array  # (gains,)
     residuals: list[Array]  # per segment
-    projected: list[Array]  # per segment, forced columns without their nuisance part
-    root: Array  # (gains, gains): R of the projected columns' QR
+    basis: Array  # (samples, gains): orthonormal, spans the forced columns without their nuisance part
     coefficients: list[Array]  # per segment, of the nuisance columns
 
 
 def _solve_linear(parts: list[Part], y: list[Array]) -> Linear:
     projected = [p.forced - p.basis @ (p.basis.T @ p.forced) for p in parts]
     reduced = [v - p.basis @ (p.basis.T @ v) for p, v in zip(parts, y, strict=True)]
-    Q, root = np.linalg.qr(np.concatenate(projected))
+    basis, root = np.linalg.qr(np.concatenate(projected))
     size = np.abs(np.diag(root))
     if (size <= RANK * max(float(np.abs(parts[0].forced).max()), 1e-300)).any():
-        gains = np.linalg.lstsq(root, Q.T @ np.concatenate(reduced), rcond=None)[0]
+        gains = np.linalg.lstsq(root, basis.T @ np.concatenate(reduced), rcond=None)[0]
     else:
-        gains = np.linalg.solve(root, Q.T @ np.concatenate(reduced))
-    residuals = [r - f @ gains for r, f in zip(reduced, projected, strict=True)]
+        gains = np.linalg.solve(root, basis.T @ np.concatenate(reduced))
+    residuals: list[Array] = [r - f @ gains for r, f in zip(reduced, projected, strict=True)]
     coefficients = [p.back @ (p.basis.T @ (v - p.forced @ gains)) for p, v in zip(parts, y, strict=True)]
-    return Linear(gains, residuals, projected, root, coefficients)
+    return Linear(gains, residuals, basis, coefficients)
 
 
 class Trial:
@@ -249,16 +252,16 @@ class Trial:
         """Of `residual`, by all nonlinear parameters."""
         problem, rows = self.problem, []
         for o in range(len(problem.outputs)):
-            projected = self._without_nuisance(o, self.derivatives(o))
-            Q = np.linalg.qr(np.concatenate(self.linear[o].projected))[0]
+            projected, basis = self._without_nuisance(o, self.derivatives(o)), self.linear[o].basis
             block = np.zeros((projected.shape[0], self.theta.size))
             own = [*range(problem.slices[o].start, problem.slices[o].stop), *range(*problem.delays.indices(10**6))]
-            block[:, own] = -(projected - Q @ (Q.T @ projected)) / problem.sigma[o]
+            block[:, own] = -(projected - basis @ (basis.T @ projected)) / problem.sigma[o]
             rows.append(block)
         return np.concatenate(rows)
 
     def _without_nuisance(self, o: int, columns: list[Array]) -> Array:
-        return np.concatenate([c - p.basis @ (p.basis.T @ c) for c, p in zip(columns, self.parts[o], strict=True)])
+        each: list[Array] = [c - p.basis @ (p.basis.T @ c) for c, p in zip(columns, self.parts[o], strict=True)]
+        return np.concatenate(each)
 
 
 def solve(problem: Problem, starts: Sequence[Array]) -> Trial:
@@ -298,57 +301,69 @@ class _Trials:
         return self(theta).jacobian()
 
 
-def scan(problem: Problem) -> list[Array]:
-    """Starts for one output: the best of time constants and dead times on a grid.
+def search(problem: Problem) -> Trial:
+    """The best fit of one output, from a scan of time constants and dead times.
 
-    The zeros of a free order imitate a dead time so well that it has a valley for each of several dead times; so its
-    starts also include the best of several clearly different dead times.
+    The zeros of a free order imitate a dead time so well that the sum of squares has a valley for each of several dead
+    times. So its scan keeps clearly different dead times, and with the poles found all dead times are tried again.
     """
-    structure = problem.structures[0]
+    found = solve(problem, _scan(problem))
+    if problem.structures[0].order:
+        theta, delays = found.theta[problem.slices[0]], found.theta[problem.delays]
+        cost, grid = _profile(problem, theta), np.linspace(0.0, problem.longest_delay, AGAIN)
+        starts = [found.theta]
+        for j in range(delays.size):
+            trials = [np.r_[delays[:j], delay, delays[j + 1 :]] for delay in grid]
+            starts += [np.r_[theta, trials[i]] for i in _valleys(np.array([cost(trial) for trial in trials]))[:BEST]]
+        found = solve(problem, starts)
+    return found
+
+
+def _scan(problem: Problem) -> list[Array]:
+    """Starts from a grid of time constants and dead times."""
+    structure, m = problem.structures[0], problem.record.u.shape[1]
     found = []
     times = np.geomspace(problem.shortest / 3.0, problem.longest, TIMES) if structure.names else [problem.shortest]
     for time in times:
         grid = _delay_grid(problem, float(time))
         for theta in structure.starts(float(time), problem.scale):
-            found += [(value, np.concatenate([theta, delays])) for delays, value in _valleys(problem, theta, grid)]
-    found.sort(key=lambda item: item[0])
-    starts = [start for _, start in found]
+            cost = _profile(problem, theta)
+            costs = np.array([cost(np.full(m, delay)) for delay in grid])
+            trials = [(costs[i], np.full(m, grid[i])) for i in _valleys(costs)]
+            for j in range(m if m > 1 else 0):
+                near = [np.r_[trials[0][1][:j], delay, trials[0][1][j + 1 :]] for delay in grid]
+                trials[0] = min([trials[0], *((cost(delays), delays) for delays in near)], key=lambda item: item[0])
+            found += [(value, np.concatenate([theta, delays])) for value, delays in trials]
+    starts = [start for _, start in sorted(found, key=lambda item: item[0])]
     result = starts[:BEST]
     for start in starts[BEST:] if structure.order else ():
         here = start[problem.delays]
-        if all((np.abs(here - other[problem.delays]) > APART * np.maximum(here, problem.shortest)).any()
-               for other in result):  # fmt: skip
+        far = APART * np.maximum(here, problem.shortest)
+        if len(result) < VALLEYS and all((np.abs(here - other[problem.delays]) > far).any() for other in result):
             result.append(start)
-        if len(result) == VALLEYS:
-            break
     return result
 
 
-def _valleys(problem: Problem, theta: Array, grid: Array) -> list[tuple[Array, float]]:
-    """Dead times on the grid at which the sum of squares is least, with that sum; the best one refined per input."""
-    m = problem.record.u.shape[1]
+def _profile(problem: Problem, theta: Array) -> Callable[[Array], float]:
+    """The sum of squares by the dead times, all else at its best but the poles."""
     bases = [_orthonormal(columns)[0] for columns in problem.nuisance(0, theta)]
     reduced = np.concatenate([v - Q @ (Q.T @ v) for Q, v in zip(bases, problem.y[0], strict=True)])
-    undelayed = problem.undelayed(0, theta)
+    square, undelayed = float(reduced @ reduced), problem.undelayed(0, theta)
 
     def cost(delays: Array) -> float:
         columns = problem.columns(0, undelayed, delays)
         Q = np.linalg.qr(np.concatenate([f - Q @ (Q.T @ f) for (f, _), Q in zip(columns, bases, strict=True)]))[0]
         explained = Q.T @ reduced
-        return float(reduced @ reduced - explained @ explained)
+        return square - float(explained @ explained)
 
-    costs = np.array([cost(np.full(m, delay)) for delay in grid])
+    return cost
+
+
+def _valleys(costs: Array) -> NDArray[np.intp]:
+    """Where costs on a grid are least, the deepest first."""
     walled = np.r_[np.inf, costs, np.inf]
     lowest = np.flatnonzero((costs < walled[:-2]) & (costs <= walled[2:]))
-    result = [(np.full(m, grid[i]), float(costs[i])) for i in lowest[np.argsort(costs[lowest])]]
-    for j in range(m if m > 1 else 0):
-        for delay in grid:
-            trial = result[0][0].copy()
-            trial[j] = delay
-            now = cost(trial)
-            if now < result[0][1]:
-                result[0] = trial, now
-    return result
+    return lowest[np.argsort(costs[lowest])]
 
 
 def _delay_grid(problem: Problem, time: float) -> Array:
@@ -357,4 +372,4 @@ def _delay_grid(problem: Problem, time: float) -> Array:
     count = int(problem.longest_delay / step) + 2
     if count <= DELAYS:
         return np.linspace(0.0, problem.longest_delay, count)
-    return np.r_[0.0, np.geomspace(step / 2.0, problem.longest_delay, DELAYS - 1)]
+    return np.concatenate([[0.0], np.geomspace(step / 2.0, problem.longest_delay, DELAYS - 1)])

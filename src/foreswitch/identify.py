@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from foreswitch import _check
 from foreswitch._check import Array
 from foreswitch.estimate import Estimate
 from foreswitch.fit import Candidate, Fit, prediction_errors
-from foreswitch.fitting import Problem, scan, solve
+from foreswitch.fitting import Problem, search, solve
 from foreswitch.record import Record
 from foreswitch.structure import STRUCTURES, Structure
 
@@ -115,8 +116,8 @@ class _Search:
         self.train = np.zeros(record.t.size, dtype=bool)
         self.train[used[: int(np.ceil((1.0 - held_back) * used.size))]] = True
 
-    def problem(self, structures: Sequence[Structure], drift: Sequence[bool], outputs: Sequence[int], keep: Array
-                ) -> Problem:  # fmt: skip
+    def problem(self, structures: Sequence[Structure], drift: Sequence[bool], outputs: Sequence[int],
+                keep: NDArray[np.bool_]) -> Problem:  # fmt: skip
         problem = Problem(self.record, structures, drift, outputs, self.reach, keep)
         unknowns = max(len(s.names) + s.states + 2 for s in structures) + 2 * self.record.u.shape[1]
         if sum(grid.at.size for grid in problem.grids) <= unknowns:
@@ -166,7 +167,7 @@ class _Search:
 
     def _fit(self, o: int, structure: Structure, drift: bool) -> Estimate:
         problem = self.problem([structure], [drift], [o], self.coarse)
-        return Estimate(solve(problem, scan(problem)))
+        return Estimate(search(problem))
 
     def _held_back_error(self, estimate: Estimate) -> float:
         """Root mean square error on the end of the record of a fit to its beginning."""

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from numpy.typing import NDArray
+
 from foreswitch import _response
 from foreswitch._check import Array
 
@@ -41,7 +43,7 @@ class Tables:
         _response.discretise(self.A, b, np.ascontiguousarray(lengths), self.phi, self.gamma)
 
     @property
-    def arrays(self) -> tuple[Array, ...]:
+    def arrays(self) -> tuple[Array, Array, Array, Array, NDArray[np.uint32], Array]:
         """As the binding takes them."""
         return self.A, self.b, self.phi, self.gamma, self.which, self.over
 
@@ -57,7 +59,7 @@ class Grid:
         The samples at which the response is asked for.
     """
 
-    def __init__(self, t: Array, wanted: Array) -> None:
+    def __init__(self, t: Array, wanted: NDArray[np.intp]) -> None:
         mean = float(t[-1] - t[0]) / (t.size - 1)
         even = mean * np.arange(t.size)
         self.regular = bool(np.abs(t - t[0] - even).max() <= REGULAR * mean)

@@ -70,7 +70,8 @@ class Structure:
         for term in terms:
             if term not in ("integrator", "lag", "pair"):
                 raise ValueError(f"structure {text!r} has the term {term!r}; {nearest(term, [*STRUCTURES, 'auto'])}")
-        result = cls(*(terms.count(kind) for kind in ("integrator", "lag", "pair")), int(free[1]) if free else 0)
+        integrators, lags, pairs = (terms.count(kind) for kind in ("integrator", "lag", "pair"))
+        result = cls(integrators, lags, pairs, int(free[1]) if free else 0)
         if result.states > MOST_STATES or result.integrators > 2:
             raise ValueError(f"structure {text!r} is too large; at most two integrators and {MOST_STATES} states")
         return result
@@ -106,11 +107,9 @@ class Structure:
             fast = scale / shortest
             high = np.array([2.0 * fast, fast * fast] * (self.order // 2) + [fast] * (self.order % 2))
             return -np.minimum(high, UNSTABLE), high
-        times = np.log([shortest, longest])
-        rates = np.log([1.0 / longest, 1.0 / shortest])
-        low = [times[0]] * self.lags + [rates[0], np.log(DAMPING[0])] * self.pairs
-        high = [times[1]] * self.lags + [rates[1], np.log(DAMPING[1])] * self.pairs
-        return np.array(low), np.array(high)
+        least = [shortest] * self.lags + [1.0 / longest, DAMPING[0]] * self.pairs
+        most = [longest] * self.lags + [1.0 / shortest, DAMPING[1]] * self.pairs
+        return np.log(least), np.log(most)
 
     def starts(self, time: float, scale: float) -> list[Array]:
         """A few theta whose slowest motion takes about ``time``; ``scale``: the time unit of a free order."""
@@ -122,8 +121,8 @@ class Structure:
             return result
         lags = [np.log(time) - i * np.log(3.0) for i in range(self.lags)]
         dampings = (0.2, 0.7) if self.pairs else (1.0,)
-        rates = [-np.log(time) + i * np.log(3.0) for i in range(self.pairs)]
-        return [np.array(lags + [v for rate in rates for v in (rate, np.log(z))]) for z in dampings]
+        pairs = [-np.log(time) + i * np.log(3.0) for i in range(self.pairs)]
+        return [np.array(lags + [v for rate in pairs for v in (rate, np.log(z))]) for z in dampings]
 
     def system(self, theta: Array, scale: float) -> tuple[Array, Array]:
         """``A`` (n, n) and ``b`` (n,) for unit gain. A chain's output is its last state; of a free order all count."""
@@ -150,11 +149,11 @@ class Structure:
     def _blocks(self, theta: Array, scale: float) -> list[float | tuple[float, float]]:
         """Rates of first-order and (a1, a0) of second-order sections, fast ones first, integrators last."""
         if self.order:
-            pairs = [(theta[i] / scale, theta[i + 1] / scale**2) for i in range(0, self.order - 1, 2)]
-            return pairs + ([float(theta[-1] / scale)] if self.order % 2 else [])
+            pairs = [(float(theta[i] / scale), float(theta[i + 1] / scale**2)) for i in range(0, self.order - 1, 2)]
+            return [*pairs, *([float(theta[-1] / scale)] if self.order % 2 else [])]
         oscillating = np.exp(theta[self.lags :]).reshape(-1, 2)
-        rates = np.exp(-theta[: self.lags])
-        return [(2.0 * z * w, w * w) for w, z in oscillating] + sorted(rates, reverse=True) + [0.0] * self.integrators
+        rates = sorted(np.exp(-theta[: self.lags]), reverse=True)
+        return [*((2.0 * z * w, w * w) for w, z in oscillating), *rates, *[0.0] * self.integrators]
 
     def ordered(self, theta: Array) -> Array:
         """The same system with the lags descending and the pairs' frequencies ascending."""

@@ -50,7 +50,7 @@ class Estimate:
     def unknowns(self, o: int) -> int:
         """Parameters of one output, nuisance ones included."""
         nonlinear = len(self.problem.structures[o].names) + self.problem.record.u.shape[1]
-        return nonlinear + self.trial.linear[o].gains.size + sum(part.basis.shape[1] for part in self.trial.parts[o])
+        return nonlinear + int(self.trial.linear[o].gains.size) + sum(part.basis.shape[1] for part in self.trial.parts[o])
 
     def variance(self, o: int) -> float:
         """Of the residuals of output ``o``."""
@@ -195,7 +195,7 @@ class Estimate:
                 value -= float(at_rest)
             row = (want @ part.back) @ part.basis.T
             spread = direct - row @ block
-            result.append((value, float(np.sqrt(max(variance * (row @ row) + spread @ self._fitted_covariance @ spread, 0.0)))))
+            result.append((value, float(np.sqrt(max(float(variance * (row @ row) + spread @ self._fitted_covariance @ spread), 0.0)))))
         return result
 
     def _static_gain(self, o: int) -> Array:

@@ -347,14 +347,16 @@ def _scan(problem: Problem) -> list[Array]:
 def _profile(problem: Problem, theta: Array) -> Callable[[Array], float]:
     """The sum of squares by the dead times, all else at its best but the poles."""
     bases = [_orthonormal(columns)[0] for columns in problem.nuisance(0, theta)]
-    reduced = np.concatenate([v - Q @ (Q.T @ v) for Q, v in zip(bases, problem.y[0], strict=True)])
-    square, undelayed = float(reduced @ reduced), problem.undelayed(0, theta)
+    reduced = [v - Q @ (Q.T @ v) for Q, v in zip(bases, problem.y[0], strict=True)]
+    square, undelayed = sum(float(v @ v) for v in reduced), problem.undelayed(0, theta)
 
     def cost(delays: Array) -> float:
-        columns = problem.columns(0, undelayed, delays)
-        Q = np.linalg.qr(np.concatenate([f - Q @ (Q.T @ f) for (f, _), Q in zip(columns, bases, strict=True)]))[0]
-        explained = Q.T @ reduced
-        return square - float(explained @ explained)
+        gram: Array = np.zeros(())
+        match: Array = np.zeros(())
+        for (forced, _), Q, v in zip(problem.columns(0, undelayed, delays), bases, reduced, strict=True):
+            hidden = Q.T @ forced
+            gram, match = gram + forced.T @ forced - hidden.T @ hidden, match + forced.T @ v
+        return square - float(match @ np.linalg.lstsq(gram, match, rcond=RANK)[0])
 
     return cost
 

@@ -25,22 +25,34 @@ class Tables:
     """Transitions over many intervals: one table each, or shared ones and the rest of the way."""
 
     def __init__(self, A: Array, b: Array, h: Array) -> None:
-        n = b.size
-        self.A, self.b, self.over = np.ascontiguousarray(A), b, np.empty(0)
-        low, span = float(h.min(initial=np.inf)), float(np.ptp(h)) if h.size else 0.0
+        low, high = float(h.min()), float(h.max())
         rate = float(np.abs(A).sum(axis=1).max() + np.abs(b).max())
-        cells = int(span * rate / (2.0 * SHORT)) + 1
-        if span == 0.0:
+        cells = int((high - low) * rate / (2.0 * SHORT)) + 1
+        self.over = np.empty(0)
+        if low == high:
             lengths, self.which = h[:1], np.zeros(h.size, dtype=np.uint32)
         elif cells >= h.size:
             lengths, self.which = h, np.arange(h.size, dtype=np.uint32)
         else:
-            width = span / cells
+            width = (high - low) / cells
             self.which = np.minimum((h - low) / width, cells - 1).astype(np.uint32)
             lengths = low + width * (np.arange(cells) + 0.5)
             self.over = h - lengths[self.which]
+        self._discretise(A, b, np.ascontiguousarray(lengths))
+
+    @classmethod
+    def even(cls, A: Array, b: Array, length: float, count: int) -> Tables:
+        """One table for all intervals."""
+        result = object.__new__(cls)
+        result.over, result.which = np.empty(0), np.zeros(count, dtype=np.uint32)
+        result._discretise(A, b, np.array([length]))
+        return result
+
+    def _discretise(self, A: Array, b: Array, lengths: Array) -> None:
+        n = b.size
+        self.A, self.b = np.ascontiguousarray(A), b
         self.phi, self.gamma = np.empty((lengths.size, n, n)), np.empty((lengths.size, n))
-        _response.discretise(self.A, b, np.ascontiguousarray(lengths), self.phi, self.gamma)
+        _response.discretise(self.A, b, lengths, self.phi, self.gamma)
 
     @property
     def arrays(self) -> tuple[Array, Array, Array, Array, NDArray[np.uint32], Array]:
@@ -67,13 +79,18 @@ class Grid:
         self.interval = mean if self.regular else float(np.median(np.diff(t)))
         self.count, self.wanted = t.size, wanted
         self.at = self.t[wanted]  # seconds since the first sample
-        self._steps = np.full(t.size - 1, mean) if self.regular else np.diff(self.t)
+
+    def _tables(self, A: Array, b: Array) -> Tables:
+        """From each sample to the next."""
+        if self.regular:
+            return Tables.even(A, b, self.interval, self.count - 1)
+        return Tables(A, b, np.diff(self.t))
 
     def states(self, A: Array, b: Array, u: Array, x0: Array | None = None) -> Array:
         """States (N, n) under ``u`` (N,), each value holding to the next sample, from ``x0`` or zero."""
         x = np.empty((self.count, b.size))
         x[0] = 0.0 if x0 is None else x0
-        _response.respond(*Tables(A, b, self._steps).arrays, u[:-1], x)
+        _response.respond(*self._tables(A, b).arrays, u[:-1], x)
         return x
 
     def delayed(self, A: Array, b: Array, u: Array, x: Array, delay: float) -> tuple[Array, Array]:
@@ -84,11 +101,11 @@ class Grid:
         if self.regular:
             back = int(np.ceil(delay / self.interval - 1e-9))
             before = self.wanted - back
-            h = np.full(self.wanted.size, max(back * self.interval - delay, 0.0))
+            tables = Tables.even(A, b, max(back * self.interval - delay, 0.0), self.wanted.size)
         else:
             instants = self.at - delay
             before = np.searchsorted(self.t, instants, side="right") - 1
-            h = np.where(before < 0, 0.0, instants - self.t[before])
-        late, slope = np.empty((h.size, b.size)), np.empty((h.size, b.size))
-        _response.carry(*Tables(A, b, h).arrays, before, u, x, late, slope)
+            tables = Tables(A, b, np.where(before < 0, 0.0, instants - self.t[before]))
+        late, slope = np.empty((before.size, b.size)), np.empty((before.size, b.size))
+        _response.carry(*tables.arrays, before, u, x, late, slope)
         return late, slope

@@ -16,7 +16,7 @@ from foreswitch._check import Array
 __all__ = ["Grid"]
 
 #: A regular record is one whose instants are all within this share of an interval from even ones.
-REGULAR = 1e-4
+REGULAR = 1e-6
 #: Longest rest of an interval, in units of the fastest motion, that a short series is trusted with (core/response.c).
 SHORT = 0.05
 

@@ -1,4 +1,4 @@
-/* In the order data meets it: checks, delay line, observation, options, prediction, choice, step. */
+/* In the order data meets it: checks, delay line, observation, options, prediction, choice, plan, step. */
 #include "foreswitch.h"
 
 /* Counts and subscripts in the machine's own width: 16 bits on an AVR, a register elsewhere. */
@@ -37,6 +37,21 @@ static int indices_valid(const fsw_design *d, const uint8_t *command, uint32_t c
     return 1;
 }
 
+#if FSW_MAX_MOVES > 0
+static fsw_validity check_horizon(const fsw_design *d)
+{
+    const fsw_horizon *h = d->horizon;
+    if (h->steps > FSW_MAX_STEPS || h->moves > FSW_MAX_MOVES || h->states > FSW_HORIZON_STATES ||
+        h->candidates > FSW_HORIZON_CANDIDATES || h->terminal > h->states)
+        return FSW_TOO_LARGE;
+    if (h->inputs != d->inputs || h->outputs != d->outputs || h->candidates != d->candidates || h->order != d->order ||
+        h->disturbances != d->disturbances || h->moves == 0 || h->moves > h->steps || h->lead >= h->steps ||
+        h->tail > FSW_TAIL_HOLD || (h->tail == FSW_TAIL_REST && !d->rest_reference))
+        return FSW_INCONSISTENT;
+    return FSW_VALID;
+}
+#endif
+
 static fsw_validity check(const fsw_design *d)
 {
     if (d->states > FSW_MAX_STATES || d->inputs > FSW_MAX_INPUTS || d->outputs > FSW_MAX_OUTPUTS ||
@@ -50,12 +65,18 @@ static fsw_validity check(const fsw_design *d)
         return FSW_INCONSISTENT;
     uint32_t level = 0;
     for (uint16_t j = 0; j < d->inputs; j++) {
-        if (d->level_count[j] == 0 || d->holds[j] == 0 || d->pending[j] >= d->rows) return FSW_INCONSISTENT;
+        if (d->level_count[j] == 0 || d->pending[j] >= d->rows || (!d->horizon && d->holds[j] == 0))
+            return FSW_INCONSISTENT;
         for (uint8_t i = 0; i < d->level_count[j]; i++)
             if (d->dwell[level++] == 0) return FSW_INCONSISTENT;
     }
     if (!indices_valid(d, d->safe, 1) || !indices_valid(d, d->candidate, d->candidates)) return FSW_INCONSISTENT;
+#if FSW_MAX_MOVES > 0
+    if (d->horizon) return check_horizon(d);
     return FSW_VALID;
+#else
+    return d->horizon ? FSW_TOO_LARGE : FSW_VALID;
+#endif
 }
 
 fsw_validity fsw_init(const fsw_design *d, fsw_state *s)
@@ -71,8 +92,24 @@ fsw_validity fsw_init(const fsw_design *d, fsw_state *s)
     s->bad = 0;
     s->primed = 0;
     s->outliers = 0;
+#if FSW_MAX_MOVES > 0
+    s->planned = 0;
+    for (uint16_t i = 0; i < FSW_MAX_MOVES; i++) s->plan[i] = 0;
+#endif
     return FSW_VALID;
 }
+
+/* ---- Reference ---- */
+
+INLINE natural reference_size(const fsw_design *d, natural q)
+{
+#if FSW_MAX_MOVES > 0
+    if (d->horizon) return q * d->order * (natural)(d->horizon->steps - d->horizon->lead);
+#endif
+    return q * d->order;
+}
+
+uint32_t fsw_reference_size(const fsw_design *d) { return (uint32_t)reference_size(d, d->outputs); }
 
 /* ---- Delay line: the commands issued 1 .. rows periods ago, a ring of rows ---- */
 
@@ -82,6 +119,9 @@ fsw_validity fsw_preload(const fsw_design *d, fsw_state *s, const uint8_t *line,
     for (uint32_t i = 0; i < (uint32_t)d->rows * d->inputs; i++) s->line[i] = line[i];
     for (uint16_t j = 0; j < d->inputs; j++) s->wait[j] = wait[j];
     s->head = 0;
+#if FSW_MAX_MOVES > 0
+    s->planned = 0;
+#endif
     return FSW_VALID;
 }
 
@@ -134,7 +174,7 @@ static fsw_status settle(const fsw_design *d, const fsw_state *s, fsw_status sta
     take(x, state, d->states);
     take(w, told ? disturbance : s->w, p);
     if (status == FSW_OK && !told) status = FSW_COASTING;
-    if (!usable(reference, (natural)d->outputs * d->order)) status = FSW_HELD;
+    if (!usable(reference, reference_size(d, d->outputs))) status = FSW_HELD;
     if (status != FSW_OK && d->bad_limit > 0 && (uint32_t)s->bad + 1 >= d->bad_limit) status = FSW_SAFE;
     return status;
 }
@@ -213,7 +253,7 @@ INLINE fsw_status observe(const fsw_design *d, const fsw_state *s, natural q, co
 {
     const natural n = d->states, p = d->disturbances;
     if (d->gain) return estimate(d, s, measured, reference, disturbance, x, w, outliers);
-    if (!usable(measured, n) || !usable(disturbance, p) || !usable(reference, q * d->order))
+    if (!usable(measured, n) || !usable(disturbance, p) || !usable(reference, reference_size(d, q)))
         return replace(d, s, measured, reference, disturbance, x, w);
     take(x, measured, n);
     take(w, disturbance, p);
@@ -241,13 +281,21 @@ typedef struct {
     uint8_t present, locked;
 } option;
 
-/* The level of input j that holds the output at the reference. */
+/* The level of input j that holds the output at the reference, [outputs][order]. */
 INLINE fsw_real rest(const fsw_design *d, natural q, natural j, const fsw_real *reference, const fsw_real *w)
 {
     const natural p = d->disturbances;
     fsw_real level = d->rest_offset[j];
     for (natural o = 0; o < q; o++) level += d->rest_reference[j * q + o] * reference[o * d->order];
     return product(level, d->rest_disturbance + j * p, w, p);
+}
+
+/* The same within what the levels, ascending, can do. */
+INLINE fsw_real clipped_rest(const fsw_design *d, natural q, natural j, const fsw_real *reference, const fsw_real *w,
+                             const fsw_real *levels)
+{
+    const fsw_real level = rest(d, q, j, reference, w), low = levels[0], high = levels[d->level_count[j] - 1];
+    return level < low ? low : level > high ? high : level;
 }
 
 INLINE void list_options(const fsw_design *d, const fsw_state *s, natural m, natural q, const fsw_real *reference,
@@ -261,12 +309,7 @@ INLINE void list_options(const fsw_design *d, const fsw_state *s, natural m, nat
         now->levels = levels;
         now->hold_row = hold_row;
         now->dwell = dwell;
-        now->tail = 0;
-        if (d->rest_reference) {
-            const fsw_real level = rest(d, q, j, reference, w);
-            const fsw_real low = levels[0], high = levels[d->level_count[j] - 1];
-            now->tail = level < low ? low : level > high ? high : level;
-        }
+        now->tail = d->rest_reference ? clipped_rest(d, q, j, reference, w, levels) : 0;
         now->switch_cost = d->switch_cost[j];
         now->keep = wait > 1 ? wait : 1;
         now->most = d->holds[j];
@@ -375,21 +418,81 @@ INLINE fsw_decision choose(const fsw_design *d, const fsw_state *s, natural m, n
         }
     }
     /* where every cost overflows there is nothing to choose by */
-    const fsw_decision decision = {least - least == 0 ? FSW_OK : FSW_HELD, (uint16_t)best, (uint16_t)candidates, least};
+    const fsw_decision decision = {least - least == 0 ? FSW_OK : FSW_HELD, (uint16_t)best, (uint32_t)candidates, least,
+                                   0};
     return decision;
 }
 
-fsw_decision fsw_decide(const fsw_design *d, const fsw_state *s, const fsw_real *measured, const fsw_real *reference,
+/* ---- Plan: a long horizon in place of prediction and choice ---- */
+
+#if FSW_MAX_MOVES > 0
+/* The candidate that a command is, or `candidates` if it is none. */
+static natural find(const fsw_design *d, const uint8_t *command)
+{
+    natural c = 0;
+    while (c < d->candidates && !same(command, d->candidate + c * d->inputs, d->inputs)) c++;
+    return c;
+}
+
+/* The best first move, its whole sequence left in scratch.best. costs [candidates], if given, receives the cost of the
+ * best sequence that begins with each candidate. */
+static fsw_decision plan(const fsw_design *d, fsw_state *s, const fsw_real *x, const fsw_real *reference,
+                         const fsw_real *w, const uint8_t *present, fsw_real *costs)
+{
+    const fsw_horizon *h = d->horizon;
+    const natural n = h->states, m = d->inputs, q = d->outputs, C = d->candidates, p = d->disturbances;
+    fsw_decision decision = {FSW_HELD, (uint16_t)C, 0, 0, 0};
+    fsw_real z[FSW_HORIZON_STATES], tail[FSW_MAX_INPUTS];
+    for (natural i = 0; i < n; i++) {
+        fsw_real sum = product(h->start_offset[i], h->start_row + i * d->states, x, d->states);
+        sum = product(sum, h->start_disturbance + i * p, w, p);
+        z[i] = pending(d, s, m, n, h->pending_table + i, sum);
+    }
+    const fsw_real *levels = d->levels, *final = reference + (h->steps - h->lead - 1u) * q * d->order;
+    for (natural j = 0; j < m; j++, levels += d->level_count[j - 1])
+        tail[j] = h->tail == FSW_TAIL_REST ? clipped_rest(d, q, j, final, w, levels) : 0;
+    const natural from = find(d, present);
+    if (from == C || !usable(z, n)) return decision;
+
+    fsw_horizon_prepare(h, &s->scratch, z, reference, w, tail);
+    if (costs) {
+        for (natural c = 0; c < C; c++) {
+            const fsw_horizon_answer answer =
+                fsw_horizon_search(h, &s->scratch, (uint8_t)from, s->wait, 0, (uint8_t)c, h->node_budget);
+            costs[c] = answer.found ? fsw_horizon_cost(h, &s->scratch, (uint8_t)from, s->scratch.best) : infinity();
+        }
+        fsw_horizon_prepare(h, &s->scratch, z, reference, w, tail);
+    }
+    uint8_t warm[FSW_MAX_MOVES];
+    for (natural k = 0; k < h->moves; k++) warm[k] = s->plan[k + 1u < h->moves ? k + 1u : k];
+    const fsw_horizon_answer answer = fsw_horizon_search(h, &s->scratch, (uint8_t)from, s->wait,
+                                                         s->planned ? warm : 0, (uint8_t)C, h->node_budget);
+    decision.nodes = answer.nodes;
+    if (!answer.found) return decision;
+    decision.cost = fsw_horizon_cost(h, &s->scratch, (uint8_t)from, s->scratch.best);
+    decision.gap = answer.gap;
+    decision.status = decision.cost - decision.cost == 0 ? FSW_OK : FSW_HELD;
+    if (decision.status == FSW_OK) decision.candidate = s->scratch.best[0];
+    return decision;
+}
+#endif
+
+fsw_decision fsw_decide(const fsw_design *d, fsw_state *s, const fsw_real *measured, const fsw_real *reference,
                         const fsw_real *disturbance, fsw_real *costs)
 {
     fsw_real x[FSW_MAX_STATES], w[FSW_MAX_DISTURBANCES];
-    fsw_decision decision = {FSW_OK, d->candidates, 0, 0};
+    fsw_decision decision = {FSW_OK, d->candidates, 0, 0, 0};
     uint8_t outliers = s->outliers;
     const fsw_status status = observe(d, s, d->outputs, measured, reference, disturbance, x, w, &outliers);
     const uint8_t *present = fsw_issued(d, s, 1);
     if (status == FSW_OK || status == FSW_COASTING) {
-        decision = SINGLE(d) ? choose(d, s, 1, 1, x, reference, w, present, costs)
-                             : choose(d, s, d->inputs, d->outputs, x, reference, w, present, costs);
+#if FSW_MAX_MOVES > 0
+        if (d->horizon)
+            decision = plan(d, s, x, reference, w, present, costs);
+        else
+#endif
+            decision = SINGLE(d) ? choose(d, s, 1, 1, x, reference, w, present, costs)
+                                 : choose(d, s, d->inputs, d->outputs, x, reference, w, present, costs);
         if (decision.status == FSW_OK) decision.status = status;
     } else {
         for (natural i = 0; costs && i < d->candidates; i++) costs[i] = infinity();
@@ -431,10 +534,17 @@ INLINE fsw_decision step(const fsw_design *d, fsw_state *s, natural m, natural q
         s->bad++;
     if (status == FSW_OK || usable(measured, d->measured)) s->primed = 1;
 
-    fsw_decision decision = {status, d->candidates, 0, 0};
+    fsw_decision decision = {status, d->candidates, 0, 0, 0};
     const uint8_t *present = s->line + ((s->head > 0 ? s->head : d->rows) - 1u) * m, *command = present;
     if (status == FSW_OK || status == FSW_COASTING) {
-        decision = choose(d, s, m, q, s->x, reference, s->w, present, 0);
+#if FSW_MAX_MOVES > 0
+        if (d->horizon) {
+            decision = plan(d, s, s->x, reference, s->w, present, 0);
+            s->planned = decision.status == FSW_OK;
+            for (natural k = 0; s->planned && k < d->horizon->moves; k++) s->plan[k] = s->scratch.best[k];
+        } else
+#endif
+            decision = choose(d, s, m, q, s->x, reference, s->w, present, 0);
         if (decision.status == FSW_OK) decision.status = status;
         if (decision.candidate < d->candidates) command = d->candidate + decision.candidate * m;
     } else if (status == FSW_SAFE)

@@ -43,6 +43,9 @@ extern "C" {
 #ifndef FSW_MAX_LINE
 #define FSW_MAX_LINE 65536 /* inputs * (longest dead time in periods + 1), bytes */
 #endif
+#ifndef FSW_MAX_MOVES
+#define FSW_MAX_MOVES 0 /* of a long horizon, see horizon.h; 0: none, and none of its memory */
+#endif
 
 /* ---- Types ---- */
 
@@ -70,6 +73,10 @@ typedef enum {
     FSW_HELD = 2, /* no usable measurement yet, a bad reference, or all costs overflow: the present command is kept */
     FSW_SAFE = 3  /* bad_limit bad samples in a row: the safe level, whatever the dwell */
 } fsw_status;
+
+#if FSW_MAX_MOVES > 0
+#include "horizon.h"
+#endif
 
 /* One controller, constant. Arrays are row-major, their shape in brackets. An input's levels are
  * ascending and referred to by index; a *command* is one index per input. */
@@ -124,6 +131,9 @@ typedef struct {
     const fsw_real *start_row;     /* [states][measured]: the state that the first measurement is taken for, */
     const fsw_real *start_offset;  /* [states] */
     const fsw_real *gate;          /* [measured][measured]: an outlier has e' gate e > 1; null: there are none */
+
+    /* A long horizon in place of the rows above, from state_row to total_row, which are then not read. */
+    const struct fsw_horizon *horizon; /* null: the endpoint objective */
 } fsw_design;
 
 /* All that changes. Plain data: may be copied, stored and restored. */
@@ -135,14 +145,22 @@ typedef struct {
     uint16_t bad;                     /* consecutive bad samples, saturating */
     uint8_t primed;                   /* x holds something */
     uint8_t outliers;                 /* in a row, not used */
-    uint8_t line[FSW_MAX_LINE];       /* [rows][inputs] commands issued, level indices */
+#if FSW_MAX_MOVES > 0
+    uint8_t planned;             /* `plan` holds something */
+    uint8_t plan[FSW_MAX_MOVES]; /* the latest best sequence, candidates */
+#endif
+    uint8_t line[FSW_MAX_LINE]; /* [rows][inputs] commands issued, level indices */
+#if FSW_MAX_MOVES > 0
+    fsw_horizon_scratch scratch; /* of no meaning between calls */
+#endif
 } fsw_state;
 
 typedef struct {
     fsw_status status;
     uint16_t candidate; /* index of the chosen command, or `candidates` when it is the held or safe one */
-    uint16_t nodes;     /* candidates evaluated */
+    uint32_t nodes;     /* candidates, or partial sequences, evaluated */
     fsw_real cost;      /* predicted cost of the choice; 0 when nothing was evaluated */
+    fsw_real gap;       /* what a better sequence could save at most; 0: the choice is proven best */
 } fsw_decision;
 
 /* ---- Functions. Costs are worst cases in multiply-adds. ---- */
@@ -161,14 +179,17 @@ fsw_validity fsw_preload(const fsw_design *design, fsw_state *state, const uint8
  * Returns FSW_INCONSISTENT, and changes nothing, if a value is not finite. */
 fsw_validity fsw_start(const fsw_design *design, fsw_state *state, const fsw_real *x, const fsw_real *w);
 
+/* Values in a reference: instants * outputs * order. */
+uint32_t fsw_reference_size(const fsw_design *design);
+
 /* The command issued `age` periods ago, 1 <= age <= rows (1: in force): [inputs] level indices, valid until the
  * state changes. */
 const uint8_t *fsw_issued(const fsw_design *design, const fsw_state *state, uint16_t age);
 
-/* Choose without committing: what fsw_step would do.
- * x [measured], reference [outputs][order], w [disturbances - loads] (null if there are none) in the design's units;
+/* Choose without committing: what fsw_step would do; of the state only the scratch is written.
+ * x [measured], reference [outputs][order], for a horizon [steps - lead][outputs][order], w [disturbances - loads] (null if there are none) in the design's units;
  * costs [candidates] receives every candidate's cost, infinity where dwell forbids it; may be null. */
-fsw_decision fsw_decide(const fsw_design *design, const fsw_state *state, const fsw_real *x, const fsw_real *reference,
+fsw_decision fsw_decide(const fsw_design *design, fsw_state *state, const fsw_real *x, const fsw_real *reference,
                         const fsw_real *w, fsw_real *costs);
 
 /* One switching period: choose, remember, and write the levels to u [inputs]. The command is always

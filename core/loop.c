@@ -67,7 +67,7 @@ fsw_decision fsw_predictive_step(fsw_law *law, const double *measured, const dou
     fsw_predictive *self = (fsw_predictive *)law;
     const fsw_design *d = &self->design;
 #ifdef FSW_SINGLE
-    const uint32_t width = (uint32_t)d->outputs * d->order;
+    const uint32_t width = fsw_reference_size(d);
     float *x = self->buffer, *r = x + d->measured, *v = r + width, *out = v + d->disturbances;
     for (uint32_t i = 0; i < d->measured; i++) x[i] = (float)measured[i];
     for (uint32_t i = 0; i < width; i++) r[i] = (float)reference[i];

@@ -32,7 +32,7 @@ typedef struct fsw_law {
                          double *u);
 } fsw_law;
 
-/* The core as a law. `buffer` holds measured + outputs * order + disturbances + inputs values, used when
+/* The core as a law. `buffer` holds measured + reference size + disturbances + inputs values, used when
  * fsw_real is not double; `levels` are the exact ones. Each step writes a row [states + loads] at `trace`, the estimate
  * it is based on or NaN while there is none, and moves it on; null: nowhere. */
 typedef struct {
@@ -50,7 +50,7 @@ fsw_decision fsw_predictive_step(fsw_law *law, const double *measured, const dou
 /* A run's arrays, row k belonging to t_k. x and y have one row more than the others; u has
  * `history` rows before row 0, at least the plant's longest delay. Null: absent. */
 typedef struct {
-    uint32_t reference_width; /* outputs * order of the law */
+    uint32_t reference_width; /* values that the law is told each period */
     const fsw_sensor *sensor; /* null: the law is given what is measured as it is */
     const double *reference;  /* [steps][reference_width] */
     const double *w;          /* [steps][disturbances] */

@@ -18,7 +18,7 @@ MODULES = sorted(path.stem for path in SOURCE.glob("*.py"))
 ORDER = [
     {"plant"},
     {"prediction", "reference", "objective", "nonlinear", "plot", "estimator", "record", "structure", "response"},
-    {"hardware", "fitting"},
+    {"hardware", "fitting", "horizon"},
     {"core", "estimate"},
     {"controller", "run", "diagnosis", "record_plot"},
     {"loop", "fit"},

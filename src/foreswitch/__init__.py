@@ -10,7 +10,7 @@ from foreswitch.hardware import Hardware, Stuck
 from foreswitch.identify import identify
 from foreswitch.loop import simulate
 from foreswitch.nonlinear import FmuPlant, NonlinearPlant
-from foreswitch.objective import Endpoint
+from foreswitch.objective import Endpoint, Horizon
 from foreswitch.plant import Plant
 from foreswitch.precision import Precision, compare_precision
 from foreswitch.record import Record
@@ -27,6 +27,7 @@ __all__ = [
     "FmuPlant",
     "HalfSine",
     "Hardware",
+    "Horizon",
     "Kalman",
     "NonlinearPlant",
     "Plant",

@@ -148,6 +148,8 @@ typedef struct {
 typedef struct {
     Law base;
     fsw_predictive core;
+    fsw_horizon horizon; /* where the design has one */
+    views horizon_views;
     fsw_real *decision_costs;
     unsigned char status; /* of the latest step */
     /* Commands are handed out as rows of a block: numpy makes a view in half the time of an array. */
@@ -168,6 +170,7 @@ static PyTypeObject *predictive_type, *baseline_type;
 static void predictive_dealloc(PyObject *object)
 {
     Predictive *self = (Predictive *)object;
+    release(&self->horizon_views);
     release(&self->base.views);
     PyMem_Free(self->core.buffer);
     PyMem_Free(self->decision_costs);
@@ -177,13 +180,82 @@ static void predictive_dealloc(PyObject *object)
     dispose(object);
 }
 
+/* The horizon of a design from (sizes, scalars, arrays); level counts and pending of the design must be there. */
+static int attach_horizon(views *v, PyObject *parts, const fsw_design *d, fsw_horizon *h)
+{
+    unsigned int steps, moves, states, order, lead, terminal, tail, exclusive, dominance, patience, budget;
+    double far;
+    PyObject *arrays;
+    if (!PyArg_ParseTuple(parts, "(IIIIIIIIIII)dO", &steps, &moves, &states, &order, &lead, &terminal, &tail, &exclusive,
+                          &dominance, &patience, &budget, &far, &arrays))
+        return 0;
+    const fsw_horizon sizes = {.steps = (uint16_t)steps,
+                               .moves = (uint16_t)moves,
+                               .states = (uint16_t)states,
+                               .inputs = d->inputs,
+                               .outputs = d->outputs,
+                               .candidates = d->candidates,
+                               .disturbances = d->disturbances,
+                               .order = (uint16_t)order,
+                               .lead = (uint16_t)lead,
+                               .terminal = (uint16_t)terminal,
+                               .tail = (uint8_t)tail,
+                               .exclusive = (uint8_t)exclusive,
+                               .dominance = (uint8_t)dominance,
+                               .patience = patience,
+                               .node_budget = budget,
+                               .far = (fsw_real)far};
+    *h = sizes;
+    const Py_ssize_t n = states, m = d->inputs, q = d->outputs, p = d->disturbances, C = d->candidates, K = moves,
+                     N = steps, T = terminal;
+    Py_ssize_t pending = 0;
+    for (Py_ssize_t j = 0; j < m; j++) pending += (Py_ssize_t)d->pending[j] * d->level_count[j] * n;
+    const slot slots[] = {
+        {"start_row", REAL, n * d->states, 0, 0, &h->start_row},
+        {"start_disturbance", REAL, n * p, 0, 0, &h->start_disturbance},
+        {"start_offset", REAL, n, 0, 0, &h->start_offset},
+        {"pending_table", REAL, pending, 0, 0, &h->pending_table},
+        {"drift", REAL, n, 0, 0, &h->drift},
+        {"drift_disturbance", REAL, n * p, 0, 0, &h->drift_disturbance},
+        {"row_disturbance", REAL, q * p, 0, 0, &h->row_disturbance},
+        {"row_offset", REAL, q, 0, 0, &h->row_offset},
+        {"reference_row", REAL, q * order, 0, 0, &h->reference_row},
+        {"terminal_reference", REAL, T * q, 0, 0, &h->terminal_reference},
+        {"terminal_disturbance", REAL, T * p, 0, 0, &h->terminal_disturbance},
+        {"terminal_offset", REAL, T, 0, 0, &h->terminal_offset},
+        {"F", REAL, n * n, 0, 0, &h->F},
+        {"G", REAL, n * m, 0, 0, &h->G},
+        {"S", REAL, q * n, 0, 0, &h->S},
+        {"root_weight", REAL, N * q, 0, 0, &h->root_weight},
+        {"T", REAL, T * n, 0, 0, &h->T},
+        {"move_weight", REAL, m, 0, 0, &h->move_weight},
+        {"lift", REAL, K * m, 0, 0, &h->lift},
+        {"lift_centre", REAL, K * m, 0, 0, &h->lift_centre},
+        {"last_value", REAL, (n + m) * (n + m), 0, 0, &h->last_value},
+        {"hull", REAL, m * 2, 0, 0, &h->hull},
+        {"value", REAL, C * m, 0, 0, &h->value},
+        {"effect", REAL, C * n, 0, 0, &h->effect},
+        {"gain", REAL, K * m * n, 0, 0, &h->gain},
+        {"gain_previous", REAL, K * m * m, 0, 0, &h->gain_previous},
+        {"pull", REAL, K * m * m, 0, 0, &h->pull},
+        {"place", REAL, K * C * m, 0, 0, &h->place},
+        {"from_place", REAL, K * C * m, 0, 0, &h->from_place},
+        {"metric", REAL, K * (n + m) * n, 0, 0, &h->metric},
+        {"from_metric", REAL, K * C * (n + m), 0, 0, &h->from_metric},
+        {"switch_cost", REAL, C * C, 0, 1, &h->switch_cost},
+        {"level", 'B', C * m, 0, 0, &h->level},
+        {"dwell", 'H', C * m, 0, 1, &h->dwell},
+    };
+    return attach_all(v, arrays, slots, COUNT(slots));
+}
+
 static PyObject *predictive_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
 {
     (void)keywords;
     unsigned short n, m, q, p, order, rows, candidates, bad_limit, measured, loads, gate_limit;
-    PyObject *arrays, *new_block;
-    if (!PyArg_ParseTuple(args, "(HHHHHHHHHHH)OO", &n, &m, &q, &p, &order, &rows, &candidates, &bad_limit, &measured,
-                          &loads, &gate_limit, &arrays, &new_block))
+    PyObject *arrays, *horizon, *new_block;
+    if (!PyArg_ParseTuple(args, "(HHHHHHHHHHH)OOO", &n, &m, &q, &p, &order, &rows, &candidates, &bad_limit, &measured,
+                          &loads, &gate_limit, &arrays, &horizon, &new_block))
         return NULL;
     Predictive *self = (void *)PyType_GenericAlloc(type, 0) /* zeroed */;
     if (!self) return NULL;
@@ -222,14 +294,14 @@ static PyObject *predictive_new(PyTypeObject *type, PyObject *args, PyObject *ke
             {"levels", REAL, levels, 0, 0, &d->levels},
             {"candidate", 'B', candidates * M, 0, 0, &d->candidate},
             {"safe", 'B', M, 0, 0, &d->safe},
-            {"state_row", REAL, Q * N, 0, 0, &d->state_row},
-            {"disturbance_row", REAL, Q * P, 0, 0, &d->disturbance_row},
-            {"offset", REAL, Q, 0, 0, &d->offset},
-            {"reference_row", REAL, Q * order, 0, 0, &d->reference_row},
-            {"half_weight", REAL, Q, 0, 0, &d->half_weight},
-            {"pending_table", REAL, pending, 0, 0, &d->pending_table},
-            {"hold_row", REAL, holds, 0, 0, &d->hold_row},
-            {"total_row", REAL, Q * M, 0, 0, &d->total_row},
+            {"state_row", REAL, Q * N, 0, horizon != Py_None, &d->state_row},
+            {"disturbance_row", REAL, Q * P, 0, horizon != Py_None, &d->disturbance_row},
+            {"offset", REAL, Q, 0, horizon != Py_None, &d->offset},
+            {"reference_row", REAL, Q * order, 0, horizon != Py_None, &d->reference_row},
+            {"half_weight", REAL, Q, 0, horizon != Py_None, &d->half_weight},
+            {"pending_table", REAL, pending, 0, horizon != Py_None, &d->pending_table},
+            {"hold_row", REAL, holds, 0, horizon != Py_None, &d->hold_row},
+            {"total_row", REAL, Q * M, 0, horizon != Py_None, &d->total_row},
             {"rest_reference", REAL, M * Q, 0, 1, &d->rest_reference},
             {"rest_disturbance", REAL, M * P, 0, 1, &d->rest_disturbance},
             {"rest_offset", REAL, M, 0, 1, &d->rest_offset},
@@ -252,6 +324,10 @@ static PyObject *predictive_new(PyTypeObject *type, PyObject *args, PyObject *ke
         PyErr_SetString(PyExc_ValueError, "arrays must be a tuple");
     Py_XDECREF(head);
     Py_XDECREF(tail);
+    if (ok && horizon != Py_None) {
+        ok = attach_horizon(&self->horizon_views, horizon, d, &self->horizon);
+        d->horizon = &self->horizon;
+    }
     if (!ok) return Py_DECREF(self), NULL;
     self->new_block = Py_NewRef(new_block);
 
@@ -261,7 +337,7 @@ static PyObject *predictive_new(PyTypeObject *type, PyObject *args, PyObject *ke
                                                                     : "the design contradicts itself");
         return Py_DECREF(self), NULL;
     }
-    const size_t width = (size_t)q * order;
+    const size_t width = fsw_reference_size(d);
     core->buffer = PyMem_Malloc(sizeof(fsw_real) * ((size_t)measured + width + p + m));
     self->decision_costs = PyMem_Malloc(sizeof(fsw_real) * candidates);
     if (!core->buffer || !self->decision_costs) return Py_DECREF(self), PyErr_NoMemory();
@@ -311,7 +387,7 @@ static int read_arguments(Predictive *self, PyObject *x, PyObject *reference, Py
         for (uint32_t i = 0; i < base->reference_width; i++) r[i] = i % base->order == 0 ? (fsw_real)value : 0;
         given = base->reference_width;
     } else {
-        if (base->outputs == 1) given = read_array(reference, r, base->reference_width, 1, 1);
+        if (base->reference_width == base->order) given = read_array(reference, r, base->order, 1, 1);
         if (given <= 0 && (given = read_array(reference, r, base->reference_width, 3, 1)) != base->reference_width)
             return 0;
         for (Py_ssize_t i = given; i < base->reference_width; i++) r[i] = 0;
@@ -363,7 +439,7 @@ static PyObject *predictive_step(PyObject *object, PyObject *const *args, Py_ssi
     return command_array;
 }
 
-/* decide(x, reference, w, costs) -> (candidate, cost, nodes, status), or None as above */
+/* decide(x, reference, w, costs) -> (candidate, cost, nodes, status, gap), or None as above */
 static PyObject *predictive_decide(PyObject *object, PyObject *const *args, Py_ssize_t count)
 {
     Predictive *self = (Predictive *)object;
@@ -377,8 +453,18 @@ static PyObject *predictive_decide(PyObject *object, PyObject *const *args, Py_s
     const fsw_decision decision = fsw_decide(d, &self->core.state, x, r, w, self->decision_costs);
     for (uint16_t i = 0; i < d->candidates; i++) costs[i] = (double)self->decision_costs[i];
     release(&v);
-    return Py_BuildValue("idii", (int)decision.candidate, (double)decision.cost, (int)decision.nodes,
-                         (int)decision.status);
+    return Py_BuildValue("idkid", (int)decision.candidate, (double)decision.cost, (unsigned long)decision.nodes,
+                         (int)decision.status, (double)decision.gap);
+}
+
+/* sequence() -> bytes: candidates of the sequence that the last decide() or step() found; of a horizon only */
+static PyObject *predictive_sequence(PyObject *object, PyObject *nothing)
+{
+    (void)nothing;
+    Predictive *self = (Predictive *)object;
+    const fsw_horizon *h = self->core.design.horizon;
+    if (!h) Py_RETURN_NONE;
+    return PyBytes_FromStringAndSize((const char *)self->core.state.scratch.best, h->moves);
 }
 
 /* preload(line, wait, keep=False): commands under way and running dwell; whether to keep what was measured */
@@ -1032,7 +1118,8 @@ static PyMethodDef predictive_methods[] = {
     {"preload", predictive_preload, METH_VARARGS, NULL},   {"line", predictive_line, METH_NOARGS, NULL},
     {"wait", predictive_wait, METH_NOARGS, NULL},          {"save", predictive_save, METH_NOARGS, NULL},
     {"restore", predictive_restore, METH_O, NULL},         {"start", predictive_start, METH_VARARGS, NULL},
-    {"estimate", predictive_estimate, METH_VARARGS, NULL}, {NULL, NULL, 0, NULL},
+    {"estimate", predictive_estimate, METH_VARARGS, NULL}, {"sequence", predictive_sequence, METH_NOARGS, NULL},
+    {NULL, NULL, 0, NULL},
 };
 static PyMemberDef predictive_members[] = {
     {"status", T_UBYTE, offsetof(Predictive, status), READONLY, NULL},
@@ -1086,9 +1173,11 @@ PyMODINIT_FUNC INIT(void)
     rig_type = add_type(module, &rig_spec, "Rig");
     predictive_type = add_type(module, &predictive_spec, "Predictive");
     baseline_type = add_type(module, &baseline_spec, "Baseline");
-    const int limits[] = {FSW_MAX_STATES, FSW_MAX_INPUTS, FSW_MAX_OUTPUTS, FSW_MAX_DISTURBANCES, FSW_MAX_LINE};
-    const char *names[] = {"MAX_STATES", "MAX_INPUTS", "MAX_OUTPUTS", "MAX_DISTURBANCES", "MAX_LINE"};
-    for (int i = 0; i < 5; i++)
+    const int limits[] = {FSW_MAX_STATES, FSW_MAX_INPUTS, FSW_MAX_OUTPUTS, FSW_MAX_DISTURBANCES, FSW_MAX_LINE,
+                          FSW_MAX_STEPS,  FSW_MAX_MOVES,  FSW_HORIZON_STATES, FSW_HORIZON_CANDIDATES};
+    const char *names[] = {"MAX_STATES", "MAX_INPUTS", "MAX_OUTPUTS", "MAX_DISTURBANCES", "MAX_LINE",
+                           "MAX_STEPS",  "MAX_MOVES",  "HORIZON_STATES", "HORIZON_CANDIDATES"};
+    for (int i = 0; i < 9; i++)
         if (PyModule_AddIntConstant(module, names[i], limits[i]) < 0) return Py_DECREF(module), NULL;
     if (!plant_type || !sensor_type || !rig_type || !predictive_type || !baseline_type) return Py_DECREF(module), NULL;
     return module;

@@ -18,7 +18,8 @@ from foreswitch._check import Array
 from foreswitch._text import nearest, tree
 from foreswitch.core import CORES, REALS
 from foreswitch.estimator import Kalman, load_entries, steady_filter
-from foreswitch.objective import Endpoint
+from foreswitch.horizon import HorizonModel, HorizonTables, horizon_model, horizon_tables, riccati_terminal
+from foreswitch.objective import Endpoint, Horizon
 from foreswitch.plant import Plant
 
 __all__ = [
@@ -160,7 +161,7 @@ class Controller:
         One input: its levels, ascending. Several: one list each. All combinations are candidates.
     Ts : float
         Switching period [s].
-    objective : Endpoint
+    objective : Endpoint or Horizon
         What to minimise.
     min_on, min_off : float or array_like, shape (m,)
         Shortest time at a level [s]; an input is off at its safe level, on at any other.
@@ -222,7 +223,7 @@ class Controller:
         plant: Plant,
         levels: Any,
         Ts: float,
-        objective: Endpoint,
+        objective: Endpoint | Horizon,
         *,
         min_on: ArrayLike = 0.0,
         min_off: ArrayLike = 0.0,
@@ -236,8 +237,8 @@ class Controller:
     ) -> None:
         if not isinstance(plant, Plant):
             raise ValueError(f"plant is a {type(plant).__name__}; give a Plant, see Plant.from_control")
-        if not isinstance(objective, Endpoint):
-            raise ValueError(f"objective is {objective!r}; give an Endpoint")
+        if not isinstance(objective, (Endpoint, Horizon)):
+            raise ValueError(f"objective is {objective!r}; give an Endpoint or a Horizon")
         if not (estimator is None or isinstance(estimator, Kalman)):
             raise ValueError(f"estimator is {estimator!r}; give a Kalman, or nothing where the state is measured")
         if real not in CORES:
@@ -250,7 +251,7 @@ class Controller:
         self.plant, self.objective, self.estimator, self.real = plant, objective, estimator, real
         self.Ts = _check.number("Ts", Ts, above=0.0)
         self.levels = input_levels(levels, plant.inputs)
-        if objective.Td < self.Ts * (1.0 - 1e-9):
+        if isinstance(objective, Endpoint) and objective.Td < self.Ts * (1.0 - 1e-9):
             raise ValueError(f"Td is {objective.Td:g}; it must be at least one switching period Ts = {self.Ts:g}")
         if not 1 <= _check.number("bad_limit", bad_limit) <= 65535 or bad_limit != int(bad_limit):
             raise ValueError(f"bad_limit is {bad_limit}; give 1 to 65535 samples")
@@ -264,8 +265,11 @@ class Controller:
         self._design()
         self._reference_offset = self._sampling(preview)
         self._parts = self._core_parts()
-        self._core = CORES[real].Predictive(*self._parts, partial(np.empty, (64, plant.inputs)))
+        self._core = self._new_core()
         self.reset()
+
+    def _new_core(self) -> Any:
+        return CORES[self.real].Predictive(*self._parts, partial(np.empty, (64, self.plant.inputs)))
 
     # ---- Design ----
 
@@ -286,12 +290,19 @@ class Controller:
             raise ValueError(f"forbidden contains the safe level {level}; declare an allowed safe_level")
         return np.array(allowed, dtype=np.uint8)
 
+    @property
+    def _reach(self) -> float:
+        """How far the prediction goes beyond the dead time [s]."""
+        objective = self.objective
+        return float(objective.Td) if isinstance(objective, Endpoint) else objective.steps * self.Ts
+
     def _warn_of_short_horizon(self) -> None:
         longest = max(max(row) for row in self._dwell_seconds)
-        if longest > self.objective.Td * (1.0 + 1e-9):
+        if longest > self._reach * (1.0 + 1e-9):
+            name = "Td" if isinstance(self.objective, Endpoint) else "the horizon"
             warnings.warn(
-                f"min_on or min_off of {longest:g} s exceeds Td = {self.objective.Td:g} s: a switch is judged before "
-                "it may be taken back; consider a longer Td",
+                f"min_on or min_off of {longest:g} s exceeds {name} = {self._reach:g} s: a switch is judged before "
+                f"it may be taken back; consider a longer {'Td' if name == 'Td' else 'one'}",
                 UserWarning,
                 stacklevel=3,
             )
@@ -302,7 +313,7 @@ class Controller:
         loads = 0 if self.estimator is None else load_entries(self.estimator, plant).shape[1]
         longest = float(plant.input_delay.max())
         depth = _check.periods(longest, self.Ts) + 1
-        reach = min(max(map(max, self._dwell)), _check.periods(longest + self.objective.Td, self.Ts))
+        reach = min(max(map(max, self._dwell)), _check.periods(longest + self._reach, self.Ts))
         for size, limit, what in (
             (plant.states, core.MAX_STATES, "states"),
             (plant.inputs, core.MAX_INPUTS, "inputs"),
@@ -315,17 +326,29 @@ class Controller:
                 raise ValueError(f"plant has {size} {what}; the core holds up to {limit}, perhaps with a longer Ts")
 
     def _design(self) -> None:
-        """Rows of theory [4] and the loop's figures."""
+        """Everything that can be computed before the first measurement."""
         objective, q, plant = self.objective, self.plant.outputs, self._with_loads()
+        self._weight = _check.per("weight", objective.weight, q, "output")
+        self._rest = prediction.rest(plant) if objective.tail == "rest" else None
+        self._model = prediction.period_model(plant, self.Ts)
+        self.kalman = None
+        if self.estimator is not None:
+            load_steps = self._model.disturbance[:, self.plant.disturbances :]
+            self.kalman = steady_filter(self.estimator, self.plant, self._model.transition, load_steps)
+        if isinstance(objective, Endpoint):
+            self._design_endpoint(objective, plant)
+        else:
+            self._design_horizon(objective, plant)
+
+    def _design_endpoint(self, objective: Endpoint, plant: Plant) -> None:
+        """Rows of theory [4] and the loop's figures."""
+        q = plant.outputs
         self.relative_degree = self._degrees()
         self._lam = _check.per("lam", objective.lam, q, "output")
-        self._weight = _check.per("weight", objective.weight, q, "output")
         self._sliding = prediction.sliding(plant, self._lam, self.relative_degree.tolist())
         longest = [max(row) for row in self._dwell]
         with np.errstate(over="ignore", invalid="ignore"):  # checked below
             self._rows = prediction.endpoint_rows(plant, self._sliding, self.Ts, objective.Td, longest)
-        self._rest = prediction.rest(plant) if objective.tail == "rest" else None
-        self._model = prediction.period_model(plant, self.Ts)
         for j, row in enumerate(self._rows.hold):
             scale = np.abs(self._sliding.state).sum(axis=1) * np.abs(plant.B[:, j]).max() * self.Ts
             if not np.isfinite(row).all():
@@ -340,10 +363,69 @@ class Controller:
         )
         self.lag = float(lag[0]) if q == 1 else lag
         self.dc_gain = float(gain[0, 0]) if q == 1 else gain
-        self.kalman = None
-        if self.estimator is not None:
-            load_steps = self._model.disturbance[:, self.plant.disturbances :]
-            self.kalman = steady_filter(self.estimator, self.plant, self._model.transition, load_steps)
+
+    def _design_horizon(self, objective: Horizon, plant: Plant) -> None:
+        """Tables of the exact search."""
+        q, m = plant.outputs, plant.inputs
+        if objective.lam is None:
+            self.relative_degree = np.ones(q, dtype=np.int64)
+            self._sliding = prediction.sliding(plant, np.ones(q), [1] * q)
+        else:
+            self.relative_degree = self._degrees()
+            lam = _check.per("lam", objective.lam, q, "output")
+            self._sliding = prediction.sliding(plant, lam, self.relative_degree.tolist())
+        model = self._horizon_model = horizon_model(plant, self.Ts)
+        core, steps = CORES[self.real], objective.steps + model.lead
+        size = model.F.shape[0]
+        for count, limit, what in (
+            (steps, core.MAX_STEPS, "steps (those that the fastest input is ahead included)"),
+            (size, core.HORIZON_STATES, "states and waiting moves"),
+            (len(self._candidates), core.HORIZON_CANDIDATES, "candidates"),
+        ):
+            if count > limit:
+                raise ValueError(f"the horizon has {count} {what}; the core holds up to {limit}, use fewer")
+        first, last = objective.window or (1, objective.steps)
+        root_weight = np.zeros((steps, q))
+        root_weight[model.lead + first - 1 : model.lead + last] = np.sqrt(self._weight)
+        S = np.hstack([self._sliding.state, np.zeros((q, size - plant.states))])
+        move_weight = _check.per("move_weight", objective.move_weight, m, "input")
+        terminal = self._terminal(objective, model, S, move_weight)
+        with np.errstate(over="ignore", invalid="ignore"):  # checked below
+            try:
+                self._tables = horizon_tables(
+                    model.F, model.G, S, root_weight, objective.moves or objective.steps,
+                    self._values(self._candidates), self._candidates, move_weight, hold=objective.tail == "hold",
+                    switch_cost=self._switch_cost, terminal=terminal,
+                )  # fmt: skip
+            except np.linalg.LinAlgError:
+                raise ValueError(f"steps is {objective.steps}, too long for this unstable plant; shorten it") from None
+        if not all(np.isfinite(a).all() for a in self._tables.arrays.values() if a is not None):
+            raise ValueError(f"steps is {objective.steps}, too long for this unstable plant; shorten it")
+        self._terminal_root = terminal
+        # the sequence is chosen with the whole reference in view; what lag is left is the quantiser's
+        self.lag = np.nan if q == 1 else np.full(q, np.nan)
+        self.dc_gain = np.nan if q == 1 else np.full((q, q), np.nan)
+
+    def _terminal(self, objective: Horizon, model: HorizonModel, S: Array, move_weight: Array) -> Array:
+        """Root of the terminal cost, (rows, states of the horizon)."""
+        size, n = model.F.shape[0], self.plant.states
+        if objective.terminal is None:
+            return np.zeros((0, size))
+        if isinstance(objective.terminal, str):
+            least = 1e-6 * np.einsum("oi,ij,o->j", S**2, model.G**2, self._weight)
+            try:
+                return riccati_terminal(model.F, model.G, S, self._weight, np.maximum(move_weight, least))
+            except np.linalg.LinAlgError:
+                raise ValueError(
+                    "terminal is 'riccati', but the plant has a mode that no input moves or no output shows; "
+                    "leave it out, or give a matrix"
+                ) from None
+        P = _check.array("terminal", objective.terminal, (n, n))
+        values, vectors = np.linalg.eigh((P + P.T) / 2.0)
+        if not np.allclose(P, P.T) or values.min() < -1e-9 * max(values.max(), 1e-300):
+            raise ValueError(f"terminal is {P.tolist()}; give a symmetric matrix without negative eigenvalues")
+        root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+        return np.hstack([root, np.zeros((n, size - n))])
 
     def _with_loads(self) -> Plant:
         """The plant with its loads behind its measured disturbances, which is all that prediction has to know of them."""
@@ -367,6 +449,13 @@ class Controller:
 
     def _sampling(self, preview: bool | str | float) -> Array:
         """Offsets from t_k at which the reference is sampled, (1,), or (1, q) where outputs differ."""
+        if isinstance(self.objective, Horizon):
+            if isinstance(preview, str):
+                raise ValueError(f"preview is {preview!r}; a Horizon takes False, True or seconds")
+            if isinstance(preview, (bool, np.bool_)) and preview:
+                steps = np.arange(1, self.objective.steps + 1)
+                return np.asarray(float(self.plant.input_delay.max()) + steps * self.Ts)
+            return np.full(self.objective.steps, 0.0 if isinstance(preview, (bool, np.bool_)) else preview, dtype=float)
         if isinstance(preview, str):
             if preview != "lag":
                 raise ValueError(f"preview is {preview!r}; give False, True, 'lag' or seconds")
@@ -379,57 +468,95 @@ class Controller:
             return np.array([horizon if preview else 0.0])
         return np.array([_check.number("preview", preview)])
 
-    def _core_parts(self) -> tuple[tuple[int, ...], tuple[Any, ...]]:
-        """Sizes and arrays of the core's design, in the order of the binding."""
-        real = REALS[self.real]
-        plant, rows, model, rest, kalman = self.plant, self._rows, self._model, self._rest, self.kalman
-        n, m, q, p = plant.states, plant.inputs, plant.outputs, rows.disturbance.shape[1]
-        depth = max(model.delay) + 1
+    def _core_parts(self) -> tuple[tuple[int, ...], tuple[Any, ...], Any]:
+        """Sizes, arrays and horizon of the core's design, in the order of the binding."""
+        reals = partial(_reals, REALS[self.real])
+        plant, model, rest, kalman = self.plant, self._model, self._rest, self.kalman
+        n, m, q, p = plant.states, plant.inputs, plant.outputs, self._disturbances
         limit = 0 if self.estimator is None else int(self.estimator.gate_limit)
-
-        def reals(values: ArrayLike) -> np.ndarray[Any, Any]:
-            return np.ascontiguousarray(values, dtype=real).ravel()
-
-        def joined(arrays: Sequence[ArrayLike]) -> np.ndarray[Any, Any]:
-            return reals(np.concatenate([np.ravel(a) for a in arrays]))
-
+        horizon = isinstance(self.objective, Horizon)
+        rows = None if horizon else self._rows
         exact = np.concatenate(self.levels)
-        # (pending, 1, q) times (levels, 1): each pending command's effect, looked up by its level
-        products = [w[:, None, :] * v[None, :, None] for w, v in zip(rows.pending, self.levels, strict=True)]
-        sizes = (n, m, q, p, self.order, depth, len(self._candidates), self._bad_limit, self._measured[0],
+        sizes = (n, m, q, p, self.order, max(model.delay) + 1, len(self._candidates), self._bad_limit, self._measured[0],
                  p - plant.disturbances, limit)  # fmt: skip
+        if horizon and rest is None:
+            rest_arrays: tuple[Any, ...] = (None,) * 3
+        else:
+            rest_arrays = tuple(map(reals, (rest.reference, rest.disturbance, rest.offset))) if rest else (None,) * 3
         arrays = (
             np.array([v.size for v in self.levels], dtype=np.uint8),
             np.array(model.delay, dtype=np.uint16),
-            np.array([len(h) for h in rows.hold], dtype=np.uint16),
+            np.array([len(h) for h in rows.hold] if rows else [0] * m, dtype=np.uint16),
             exact,
             reals(exact),
             self._candidates.ravel(),
             np.array(self._safe, dtype=np.uint8),
-            reals(rows.state),
-            reals(rows.disturbance),
-            reals(rows.offset),
-            reals(self._sliding.reference),
-            reals(0.5 * self._weight),
-            joined(products),
-            joined(rows.hold),
-            reals(rows.total),
-            reals(rest.reference) if rest else None,
-            reals(rest.disturbance) if rest else None,
-            reals(rest.offset) if rest else None,
+            *(self._endpoint_arrays(rows) if rows else (None,) * 8),
+            *rest_arrays,
             np.concatenate([np.array(row, dtype=np.uint32) for row in self._dwell]),
             reals(self._switch_cost),
-            reals(model.transition),
-            reals(model.old),
-            reals(model.new),
-            reals(model.disturbance),
-            reals(model.drift),
+            *map(reals, (model.transition, model.old, model.new, model.disturbance, model.drift)),
         )
         if kalman is None:
-            return sizes, arrays + (None,) * 6
-        gate = None if kalman.gate is None else reals(kalman.gate)
-        estimation = (kalman.gain, plant.C, plant.y_offset, kalman.start_row, kalman.start_offset)
-        return sizes, (*arrays, *map(reals, estimation), gate)
+            arrays += (None,) * 6
+        else:
+            gate = None if kalman.gate is None else reals(kalman.gate)
+            estimation = (kalman.gain, plant.C, plant.y_offset, kalman.start_row, kalman.start_offset)
+            arrays += (*map(reals, estimation), gate)
+        return sizes, arrays, self._horizon_parts() if horizon else None
+
+    def _endpoint_arrays(self, rows: prediction.EndpointRows) -> tuple[Any, ...]:
+        """From state_row to total_row."""
+        reals = partial(_reals, REALS[self.real])
+        return (
+            *map(reals, (rows.state, rows.disturbance, rows.offset, self._sliding.reference, 0.5 * self._weight)),
+            reals(_products(rows.pending, self.levels)),
+            reals(np.concatenate([np.ravel(a) for a in rows.hold])),
+            reals(rows.total),
+        )
+
+    def _horizon_parts(self) -> tuple[Any, ...]:
+        """Scalars and arrays of the core's horizon."""
+        objective, model, tables, sliding = self.objective, self._horizon_model, self._tables, self._sliding
+        assert isinstance(objective, Horizon)
+        reals = partial(_reals, REALS[self.real])
+        root, q, p = self._terminal_root, self.plant.outputs, self._disturbances
+        aim = self._rest_of_horizon() if len(root) else (np.zeros((0, q)), np.zeros((0, p)), np.zeros(0))
+        # a dwell of which the search cannot see the end is as good as one just beyond it
+        longest = objective.steps + model.lead + 1
+        dwell = np.array([[min(self._dwell[j][c], longest) for j, c in enumerate(command)] for command in self._candidates])
+        exclusive = tables.exclusive or bool((dwell > 1).any())
+        tails = {"zero": 0, "rest": 1, "hold": 2}
+        sizes = (objective.steps + model.lead, objective.moves or objective.steps, model.F.shape[0], self.order, model.lead,
+                 len(root), tails[objective.tail], int(exclusive), int(tables.dominance), tables.patience,
+                 objective.node_budget or 2**32 - 1)  # fmt: skip
+        arrays = (
+            *map(reals, (model.state, model.start_disturbance, model.start)),
+            reals(_products(model.pending, self.levels)),
+            *map(reals, (model.drift, model.disturbance, sliding.disturbance, sliding.offset, sliding.reference)),
+            *map(reals, aim),
+            *(None if tables.arrays[name] is None else reals(tables.arrays[name]) for name in TABLES),
+            self._candidates.ravel(),
+            dwell.astype(np.uint16).ravel() if (dwell > 1).any() else None,
+        )
+        return sizes, tables.far, arrays
+
+    def _rest_of_horizon(self) -> tuple[Array, Array, Array]:
+        """T z_rest as rows of the last reference, of w, and an offset."""
+        rest = prediction.rest(self._with_loads())
+        model, root = self._horizon_model, self._terminal_root
+        inputs = (rest.reference, rest.disturbance, rest.offset)
+        result = []
+        for state, u in zip(rest.state, inputs, strict=True):
+            # a move that waits is one that holds the output at rest
+            waiting = [np.repeat(u[j : j + 1], delay, axis=0) for j, delay in enumerate(model.waiting)]
+            result.append(root @ np.concatenate([state, *waiting]))
+        return result[0], result[1], result[2]
+
+    @property
+    def _disturbances(self) -> int:
+        """Measured disturbances and loads."""
+        return int(self._model.disturbance.shape[1])
 
     @property
     def _measured(self) -> tuple[int, str]:
@@ -447,7 +574,7 @@ class Controller:
     @property
     def evaluations(self) -> int:
         """Instants at which the reference is wanted."""
-        return 1
+        return 1 if isinstance(self.objective, Endpoint) else self.objective.steps
 
     @property
     def reference_times(self) -> Array:
@@ -473,7 +600,7 @@ class Controller:
     @property
     def estimate(self) -> tuple[Array, Array]:
         """The state (n,) and the loads (l,) that the latest command is based on; NaN before anything was measured."""
-        x, w = np.empty(self.plant.states), np.empty(self._rows.disturbance.shape[1])
+        x, w = np.empty(self.plant.states), np.empty(self._disturbances)
         if not self._core.estimate(x, w):
             x[:], w[:] = np.nan, np.nan
         return x, w[self.plant.disturbances :]
@@ -541,7 +668,7 @@ class Controller:
     ) -> tuple[Any, Any] | None:
         """A known state, and the disturbances with the loads behind them, as the core takes them."""
         p = self.plant.disturbances
-        loads = self._rows.disturbance.shape[1] - p
+        loads = self._disturbances - p
         if estimate is None:
             for name, value in (("load", load), ("disturbance", disturbance)):
                 if value is not None:
@@ -604,7 +731,7 @@ class Controller:
         """
         costs = np.empty(len(self._candidates))
         arguments = self._canonical(x, reference, disturbance)
-        candidate, cost, nodes, status = self._core.decide(*arguments, costs)
+        candidate, cost, nodes, status, gap = self._core.decide(*arguments, costs)
         chosen = np.frombuffer(self._core.line(), dtype=np.uint8)[-self.plant.inputs :]
         if status == Status.SAFE:
             chosen = np.array(self._safe, dtype=np.uint8)
@@ -612,9 +739,11 @@ class Controller:
             chosen = self._candidates[candidate]
         u = self._values(chosen[None, :])
         evaluated = nodes > 0
+        sequence = self._core.sequence() if evaluated else None
+        plan = u if sequence is None else self._values(self._candidates[np.frombuffer(sequence, dtype=np.uint8)])
         return Decision(
-            u[0], cost, self._values(self._candidates), costs, u, nodes, evaluated, 0.0 if evaluated else np.inf,
-            Status(status),
+            u[0], cost, self._values(self._candidates), costs, plan, nodes, evaluated and gap == 0.0,
+            gap if evaluated else np.inf, Status(status),
         )  # fmt: skip
 
     def _values(self, indices: Any) -> Array:
@@ -625,7 +754,7 @@ class Controller:
         p = self.plant.disturbances
         state = _check.vector("x", x, *self._measured)
         w = np.zeros(p) if disturbance is None else _check.vector("disturbance", disturbance, p, "measured disturbance")
-        return state, canonical_reference(reference, self.plant.outputs, self.order), w
+        return state, canonical_reference(reference, self.plant.outputs, self.order, self.evaluations), w
 
     def copy(self) -> Controller:
         """A second controller of the same design, in the same state.
@@ -636,7 +765,7 @@ class Controller:
         """
         twin = object.__new__(Controller)
         twin.__dict__.update(self.__dict__)  # the design is shared: copy.copy would compute it anew
-        twin._core = CORES[self.real].Predictive(*self._parts, partial(np.empty, (64, self.plant.inputs)))
+        twin._core = self._new_core()
         twin._core.restore(self._core.save())
         return twin
 
@@ -673,22 +802,44 @@ class Controller:
     def __repr__(self) -> str:
         o = self.objective
         degrees = ", ".join(map(str, self.relative_degree))
-        lines = [f"objective  Endpoint(Td={o.Td}, lam={o.lam!r}, tail={o.tail!r}), relative degree {degrees}"]
+        if isinstance(o, Endpoint):
+            lines = [f"objective  Endpoint(Td={o.Td}, lam={o.lam!r}, tail={o.tail!r}), relative degree {degrees}"]
+        else:
+            lines = [f"objective  Horizon({o.steps}, moves={o.moves or o.steps}, tail={o.tail!r}), degree {degrees}"]
         for name, levels, delay in zip(self.plant.input_names, self.levels, self._model.delay, strict=True):
             text = ", ".join(f"{v:g}" for v in levels)
             lines.append(f"input {name:<4} levels {text} every {self.Ts:g} s, {delay} periods under way")
-        at = ", ".join(f"{v:.4g}" for v in self._reference_offset.ravel())
+        offsets = self._reference_offset.ravel()
+        at = ", ".join(f"{v:.4g}" for v in (offsets if offsets.size <= 3 else offsets[[0, -1]]))
+        at = at.replace(", ", " to ") if offsets.size > 3 else at
         lines.append(f"reference  value and {self.order - 1} derivative(s), sampled at t_k + {at} s")
         lag = ", ".join(f"{v:.4g}" for v in np.ravel(self.lag))
         gain = ", ".join(f"{v:.4g}" for v in np.diag(np.atleast_2d(self.dc_gain)))
         if self.kalman:
             slowest = abs(self.kalman.poles[0])
             lines.append(f"estimator  Kalman, {self.kalman.loads} load(s), slowest pole {slowest:.4g}")
-        lines.append(f"loop       lag {lag} s, DC gain {gain}, {self.real}")
+        known = f"lag {lag} s, DC gain {gain}, " if isinstance(o, Endpoint) else ""
+        lines.append(f"loop       {known}{self.real}")
         return tree("Controller", lines)
 
 
 STATUSES = tuple(Status)
+#: What core/horizon.h names so, in the order of the binding.
+TABLES = (
+    "F", "G", "S", "root_weight", "T", "move_weight", "lift", "lift_centre", "last_value", "hull", "value", "effect",
+    "gain", "gain_previous", "pull", "place", "from_place", "metric", "from_metric", "switch_cost",
+)  # fmt: skip
+
+
+def _reals(real: type[np.floating[Any]], values: ArrayLike) -> np.ndarray[Any, Any]:
+    return np.ascontiguousarray(values, dtype=real).ravel()
+
+
+def _products(pending: Sequence[Array], levels: Sequence[Array]) -> Array:
+    """Each pending command's effect, looked up by its level: per input (pending, levels, rows), one after the other."""
+    each = [w[:, None, :] * v[None, :, None] for w, v in zip(pending, levels, strict=True)]
+    result: Array = np.concatenate([np.ravel(item) for item in each])
+    return result
 
 
 def _rebuild(arguments: dict[str, Any], state: bytes) -> Controller:
@@ -699,8 +850,8 @@ def _rebuild(arguments: dict[str, Any], state: bytes) -> Controller:
     return controller
 
 
-def canonical_reference(reference: ArrayLike, outputs: int, order: int) -> Array:
-    """A reference at one instant as (1, q, order), missing derivatives zero.
+def canonical_reference(reference: ArrayLike, outputs: int, order: int, evaluations: int = 1) -> Array:
+    """A reference as (evaluations, q, order), missing derivatives zero; short forms hold at all evaluations.
 
     Raises
     ------
@@ -714,11 +865,13 @@ def canonical_reference(reference: ArrayLike, outputs: int, order: int) -> Array
         given = given[None, None, :] if outputs == 1 else given[None, :, None]
     elif given.ndim == 2:
         given = given[None]
-    if given.ndim != 3 or given.shape[:2] != (1, outputs) or not 1 <= given.shape[2] <= order:
+    short = np.ndim(reference) < 3
+    fits = given.ndim == 3 and given.shape[:2] == (1 if short else evaluations, outputs)
+    if not fits or not 1 <= given.shape[2] <= order:
         raise ValueError(
-            f"reference has shape {np.shape(reference)}; give (1, {outputs}, {order}), that is evaluations, outputs "
-            "and derivatives, or a short form"
+            f"reference has shape {np.shape(reference)}; give ({evaluations}, {outputs}, {order}), that is evaluations, "
+            "outputs and derivatives, or a short form"
         )
-    result = np.zeros((1, outputs, order))
+    result = np.zeros((evaluations, outputs, order))
     result[..., : given.shape[2]] = given
     return result

@@ -292,6 +292,7 @@ def _sampled(controller: Law, reference: Callable[..., ArrayLike] | ArrayLike, t
     """The reference as the law is told it, one row per period."""
     q, order, offsets = controller.plant.outputs, controller.order, controller.reference_times
     if offsets.ndim == 1:
-        return np.ascontiguousarray(sample(reference, t + offsets[0], q, order)).reshape(t.size, -1)
+        instants = (t[:, None] + offsets).ravel()
+        return np.ascontiguousarray(sample(reference, instants, q, order)).reshape(t.size, -1)
     each = [sample(reference, t + offsets[0, o], q, order)[:, o] for o in range(q)]
     return np.ascontiguousarray(np.stack(each, axis=1)).reshape(t.size, -1)

@@ -95,6 +95,7 @@ class Rest:
     reference: Array  # (m, q)
     disturbance: Array  # (m, p)
     offset: Array  # (m,)
+    state: tuple[Array, Array, Array]  # x there: (n, q), (n, p) and (n,), in the same way
     exact: bool  # False: least squares only, the reference cannot be held everywhere
 
 
@@ -106,8 +107,8 @@ def rest(plant: Plant) -> Rest:
     right[n:, :q], right[:n, q:] = np.eye(q), -plant.E
     solution = np.linalg.lstsq(M, right, rcond=None)[0]
     exact = bool(np.allclose(M @ solution, right, rtol=1e-8, atol=1e-8 * max(1.0, float(np.abs(right).max()))))
-    R, R_w = solution[n:, :q], solution[n:, q:]
-    return Rest(R, R_w, plant.u_offset - R @ plant.y_offset, exact)
+    R, R_w, X, X_w = solution[n:, :q], solution[n:, q:], solution[:n, :q], solution[:n, q:]
+    return Rest(R, R_w, plant.u_offset - R @ plant.y_offset, (X, X_w, -X @ plant.y_offset), exact)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,590 @@
+/* In the order data meets it: affine parts, prices, dominance, children, search. */
+#include "foreswitch.h"
+
+#if FSW_MAX_MOVES > 0
+
+typedef uint_fast16_t natural;
+
+#if defined(__GNUC__) && !defined(__OPTIMIZE_SIZE__)
+#define INLINE static inline __attribute__((always_inline))
+#else
+#define INLINE static inline
+#endif
+
+/* Sizes: constants where the limits are the design's own (FSW_FIXED, an exported design); otherwise read from it, with
+ * copies of the hot functions for the commonest sizes, twice as fast. */
+#ifdef FSW_FIXED
+#define STATES(h) FSW_HORIZON_STATES
+#define INPUTS(h) FSW_MAX_INPUTS
+#define OUTPUTS(h) FSW_MAX_OUTPUTS
+#define CANDIDATES(h) FSW_HORIZON_CANDIDATES
+#define COPIES 0
+#else
+#define STATES(h) (h)->states
+#define INPUTS(h) (h)->inputs
+#define OUTPUTS(h) (h)->outputs
+#define CANDIDATES(h) (h)->candidates
+#if defined(__OPTIMIZE_SIZE__)
+#define COPIES 0
+#else
+#define COPIES 1
+#endif
+#endif
+
+#define HUGE_COST ((fsw_real)1e30)
+#define FLOOR ((fsw_real)1e-25)      /* keeps a decaying state out of the denormal numbers, which are slow */
+#define PASSES 12                    /* of the active-set method, which may cycle */
+#define ZERO_PIVOT ((fsw_real)1e-12) /* relative, where an input has no effect of its own */
+
+INLINE fsw_real product(fsw_real sum, const fsw_real *a, const fsw_real *b, natural count)
+{
+    for (natural i = 0; i < count; i++) sum += a[i] * b[i];
+    return sum;
+}
+
+/* y = F' p */
+INLINE void transposed(const fsw_real *F, const fsw_real *p, fsw_real *y, natural n)
+{
+    for (natural i = 0; i < n; i++) y[i] = 0;
+    for (natural j = 0; j < n; j++)
+        for (natural i = 0; i < n; i++) y[i] += F[j * n + i] * p[j];
+}
+
+/* ---- Affine parts ---- */
+
+/* Along a zero pivot J is linear, and only bounded below if its slope there is zero: let the price take all of it.
+ * The rows of L are those of L^-T over their squared length. */
+INLINE void balance(const fsw_real *pull, const fsw_real *t, const fsw_real *g, fsw_real *slope, natural m)
+{
+    for (natural j = 0; j < m; j++) slope[j] += g[j];
+    for (natural a = 0; a < m; a++) {
+        const fsw_real square = product(0, pull + a * m, pull + a * m, m);
+        for (natural j = 0; square > 0 && j < m; j++) slope[j] += pull[a * m + j] * t[a] / square;
+    }
+}
+
+/* t[k], from the last move to the first; slope [moves][inputs], if given, is half the price paid per unit of u. */
+INLINE void pull_back(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural q,
+                      fsw_real (*slope)[FSW_MAX_INPUTS])
+{
+    fsw_real p[FSW_SPAN], y[FSW_HORIZON_STATES], g[FSW_MAX_INPUTS];
+    for (natural i = 0; i < n + m; i++) p[i] = s->last[i];
+    for (natural k = h->moves; k-- > 0;) {
+        const fsw_real *gain = h->gain + k * m * n, *gain_previous = h->gain_previous + k * m * m;
+        fsw_real *t = s->target[k];
+        for (natural o = 0; o < q; o++) {
+            const fsw_real e = s->error[k][o] * h->root_weight[k * q + o];
+            for (natural i = 0; i < n; i++) p[i] += h->S[o * n + i] * e;
+        }
+        for (natural j = 0; j < m; j++) {
+            g[j] = p[n + j] + h->lift_centre[k * m + j] - (slope ? slope[k][j] : 0);
+            for (natural i = 0; i < n; i++) g[j] += h->G[i * m + j] * p[i];
+        }
+        for (natural a = 0; a < m; a++) t[a] = -product(0, h->pull + (k * m + a) * m, g, m);
+        if (slope) balance(h->pull + k * m * m, t, g, slope[k], m);
+        transposed(h->F, p, y, n);
+        for (natural i = 0; i < n; i++) {
+            p[i] = y[i];
+            for (natural a = 0; a < m; a++) p[i] -= gain[a * n + i] * t[a];
+        }
+        for (natural j = 0; j < m; j++) {
+            p[n + j] = 0;
+            for (natural a = 0; a < m; a++) p[n + j] -= gain_previous[a * m + j] * t[a];
+        }
+    }
+}
+
+INLINE void prepare(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural q, const fsw_real *z,
+                    const fsw_real *reference, const fsw_real *w, const fsw_real *rest)
+{
+    const natural N = h->steps, d = h->disturbances;
+    fsw_real *x = s->end, *p = s->last, y[FSW_HORIZON_STATES], drift[FSW_HORIZON_STATES], known[FSW_MAX_OUTPUTS];
+    for (natural i = 0; i < n; i++) {
+        x[i] = z[i];
+        drift[i] = product(h->drift[i] + FLOOR, h->drift_disturbance + i * d, w, d);
+    }
+    for (natural o = 0; o < q; o++) known[o] = product(h->row_offset[o], h->row_disturbance + o * d, w, d);
+    for (natural k = 0; k < N; k++) { /* free response */
+        for (natural i = 0; k > 0 && i < n; i++) {
+            y[i] = product(drift[i], h->F + i * n, x, n);
+            if (h->tail == FSW_TAIL_REST && k >= h->moves) y[i] = product(y[i], h->G + i * m, rest, m);
+        }
+        for (natural i = 0; k > 0 && i < n; i++) x[i] = y[i];
+        for (natural o = 0; o < q; o++) {
+            const fsw_real weight = h->root_weight[k * q + o];
+            s->error[k][o] = 0;
+            if (!(weight > 0)) continue;
+            const fsw_real *target = reference + ((k - h->lead) * q + o) * h->order;
+            fsw_real e = product(known[o], h->S + o * n, x, n);
+            for (natural i = 0; i < h->order; i++) e -= h->reference_row[o * h->order + i] * target[i];
+            s->error[k][o] = weight * e;
+        }
+    }
+    for (natural i = 0; i < n + m; i++) p[i] = 0;
+    const fsw_real *final = reference + (N - h->lead - 1u) * q * h->order;
+    for (natural t = 0; t < h->terminal; t++) {
+        s->aim[t] = product(h->terminal_offset[t], h->terminal_disturbance + t * d, w, d);
+        for (natural o = 0; o < q; o++) s->aim[t] += h->terminal_reference[t * q + o] * final[o * h->order];
+        const fsw_real e = product(-s->aim[t], h->T + t * n, x, n);
+        for (natural i = 0; i < n; i++) p[i] += h->T[t * n + i] * e;
+    }
+    for (natural k = N; k-- > h->moves;) { /* tail */
+        for (natural o = 0; o < q; o++) {
+            const fsw_real e = s->error[k][o] * h->root_weight[k * q + o];
+            for (natural i = 0; i < n; i++) p[i] += h->S[o * n + i] * e;
+        }
+        for (natural j = 0; h->tail == FSW_TAIL_HOLD && j < m; j++)
+            for (natural i = 0; i < n; i++) p[n + j] += h->G[i * m + j] * p[i];
+        transposed(h->F, p, y, n);
+        for (natural i = 0; i < n; i++) p[i] = y[i];
+    }
+    pull_back(h, s, n, m, q, 0);
+    s->priced = 0;
+}
+
+void fsw_horizon_prepare(const fsw_horizon *h, fsw_horizon_scratch *s, const fsw_real *z, const fsw_real *reference,
+                         const fsw_real *w, const fsw_real *rest)
+{
+#if COPIES
+    if (h->states == 2 && h->inputs == 1 && h->outputs == 1) {
+        prepare(h, s, 2, 1, 1, z, reference, w, rest);
+        return;
+    }
+#endif
+    prepare(h, s, STATES(h), INPUTS(h), OUTPUTS(h), z, reference, w, rest);
+}
+
+/* ---- Prices: multipliers of the real-valued minimisation over the levels' hull ---- */
+
+/* Whether the unbounded minimiser leaves the hull by more than its width: else prices help little. */
+static int leaves_hull(const fsw_horizon *h, const fsw_horizon_scratch *s, natural present)
+{
+    const natural n = STATES(h), m = INPUTS(h);
+    fsw_real x[FSW_HORIZON_STATES], y[FSW_HORIZON_STATES], w[FSW_MAX_INPUTS], u[FSW_MAX_INPUTS];
+    for (natural i = 0; i < n; i++) x[i] = 0;
+    for (natural j = 0; j < m; j++) u[j] = h->value[present * m + j];
+    for (natural k = 0; k < h->moves; k++) {
+        for (natural a = 0; a < m; a++)
+            w[a] = product(product(s->target[k][a], h->gain + (k * m + a) * n, x, n),
+                           h->gain_previous + (k * m + a) * m, u, m);
+        for (natural j = 0; j < m; j++) {
+            u[j] = 0;
+            for (natural a = 0; a < m; a++) u[j] += h->pull[(k * m + a) * m + j] * w[a];
+            const fsw_real margin = h->hull[2 * j + 1] - h->hull[2 * j];
+            if (u[j] < h->hull[2 * j] - margin || u[j] > h->hull[2 * j + 1] + margin) return 1;
+        }
+        for (natural i = 0; i < n; i++) y[i] = product(product(0, h->F + i * n, x, n), h->G + i * m, u, m);
+        for (natural i = 0; i < n; i++) x[i] = y[i];
+    }
+    return 0;
+}
+
+/* One pass of the primal-dual active-set method: minimise with the pinned inputs at their end of the hull (Riccati
+ * backward, one scalar elimination per input, then forward), pin what leaves the hull, free what is pulled inwards.
+ * Leaves half the slope of J at the pinned inputs. Returns the number of inputs that changed sides. */
+static natural pin(const fsw_horizon *h, fsw_horizon_scratch *s, natural present)
+{
+    const natural n = STATES(h), m = INPUTS(h), q = OUTPUTS(h), v = n + m, all = v + m;
+    fsw_real A[(FSW_SPAN + FSW_MAX_INPUTS) * (FSW_SPAN + FSW_MAX_INPUTS)], b[FSW_SPAN + FSW_MAX_INPUTS];
+    fsw_real W[FSW_SPAN * FSW_SPAN], p[FSW_SPAN], X[FSW_SPAN * FSW_SPAN], scale = 0;
+    for (natural i = 0; i < v * v; i++) W[i] = h->last_value[i];
+    for (natural i = 0; i < v; i++) p[i] = s->last[i];
+    for (natural k = h->moves; k-- > 0;) {
+        for (natural o = 0; o < q; o++) {
+            const fsw_real root = h->root_weight[k * q + o], *S = h->S + o * n;
+            for (natural i = 0; i < n; i++) {
+                for (natural j = 0; j < n; j++) W[i * v + j] += root * S[i] * root * S[j];
+                p[i] += root * S[i] * s->error[k][o];
+            }
+        }
+        /* the quadratic form in (x, previous, u): X = W [F 0 G; 0 0 1], A = [F 0 G; 0 0 1]' X, lower triangle */
+        for (natural i = 0; i < v; i++) {
+            for (natural j = 0; j < n; j++) {
+                X[i * v + j] = 0;
+                for (natural l = 0; l < n; l++) X[i * v + j] += W[i * v + l] * h->F[l * n + j];
+            }
+            for (natural j = 0; j < m; j++) {
+                X[i * v + n + j] = W[i * v + n + j];
+                for (natural l = 0; l < n; l++) X[i * v + n + j] += W[i * v + l] * h->G[l * m + j];
+            }
+        }
+        for (natural i = 0; i < all * all; i++) A[i] = 0;
+        transposed(h->F, p, b, n);
+        for (natural i = 0; i < n; i++)
+            for (natural j = 0; j <= i; j++)
+                for (natural l = 0; l < n; l++) A[i * all + j] += h->F[l * n + i] * X[l * v + j];
+        for (natural i = 0; i < m; i++) {
+            const natural r = v + i;
+            b[n + i] = 0;
+            b[r] = p[n + i] + h->lift_centre[k * m + i];
+            for (natural l = 0; l < n; l++) b[r] += h->G[l * m + i] * p[l];
+            for (natural j = 0; j < n; j++) {
+                A[r * all + j] = X[(n + i) * v + j];
+                for (natural l = 0; l < n; l++) A[r * all + j] += h->G[l * m + i] * X[l * v + j];
+            }
+            for (natural j = 0; j <= i; j++) {
+                A[r * all + v + j] = X[(n + i) * v + n + j];
+                for (natural l = 0; l < n; l++) A[r * all + v + j] += h->G[l * m + i] * X[l * v + n + j];
+            }
+            A[r * all + r] += h->move_weight[i] - h->lift[k * m + i];
+            A[(n + i) * all + n + i] = h->move_weight[i];
+            A[r * all + n + i] = -h->move_weight[i];
+            if (A[r * all + r] > scale) scale = A[r * all + r];
+        }
+        for (natural j = m; j-- > 0;) {
+            const natural r = v + j;
+            const fsw_real *row = A + r * all;
+            for (natural i = 0; i <= r; i++) s->u.hull.row[k][j][i] = row[i];
+            s->u.hull.slope[k][j] = b[r];
+            if (s->u.hull.pinned[k][j]) {
+                const fsw_real u = h->hull[2 * j + (s->u.hull.pinned[k][j] > 0)];
+                for (natural i = 0; i < r; i++) b[i] += row[i] * u;
+            } else if (row[r] > ZERO_PIVOT * scale) {
+                for (natural i = 0; i < r; i++) {
+                    const fsw_real f = row[i] / row[r];
+                    b[i] -= f * b[r];
+                    for (natural l = 0; l <= i; l++) A[i * all + l] -= f * row[l];
+                }
+            }
+        }
+        for (natural i = 0; i < v; i++) {
+            p[i] = b[i];
+            for (natural j = 0; j <= i; j++) W[i * v + j] = W[j * v + i] = A[i * all + j];
+        }
+    }
+    fsw_real y[FSW_SPAN + FSW_MAX_INPUTS], next[FSW_HORIZON_STATES];
+    natural changes = 0;
+    for (natural i = 0; i < n; i++) y[i] = 0;
+    for (natural j = 0; j < m; j++) y[n + j] = h->value[present * m + j];
+    for (natural k = 0; k < h->moves; k++) {
+        for (natural j = 0; j < m; j++) {
+            const natural r = v + j;
+            const fsw_real *row = s->u.hull.row[k][j], a = h->hull[2 * j], c = h->hull[2 * j + 1];
+            const int8_t was = s->u.hull.pinned[k][j];
+            const fsw_real slope = product(s->u.hull.slope[k][j], row, y, r);
+            int8_t now = was;
+            if (was) {
+                y[r] = was < 0 ? a : c;
+                s->u.hull.slope[k][j] = slope + row[r] * y[r];
+                if ((was < 0) != (s->u.hull.slope[k][j] > 0)) {
+                    now = 0;
+                    s->u.hull.slope[k][j] = 0;
+                }
+            } else {
+                y[r] = row[r] > ZERO_PIVOT * scale ? -slope / row[r] : (a + c) / 2;
+                s->u.hull.slope[k][j] = 0;
+                if (y[r] < a) now = -1;
+                if (y[r] > c) now = 1;
+                if (now) y[r] = now < 0 ? a : c; /* go on from there: the next inputs see what really will happen */
+            }
+            changes += now != was;
+            s->u.hull.pinned[k][j] = now;
+        }
+        for (natural i = 0; i < n; i++) next[i] = product(product(0, h->F + i * n, y, n), h->G + i * m, y + v, m);
+        for (natural i = 0; i < n; i++) y[i] = next[i];
+        for (natural j = 0; j < m; j++) y[n + j] = y[v + j];
+    }
+    return changes;
+}
+
+/* Find the prices and the affine parts that go with them. Any slopes give a valid bound, converged ones the best. */
+static void set_prices(const fsw_horizon *h, fsw_horizon_scratch *s, natural present)
+{
+    const natural m = INPUTS(h);
+    natural passes = PASSES;
+    for (natural k = 0; k < h->moves; k++)
+        for (natural j = 0; j < m; j++) s->u.hull.pinned[k][j] = 0;
+    while (pin(h, s, present) > 0 && --passes > 0) {}
+    pull_back(h, s, STATES(h), m, OUTPUTS(h), s->u.hull.slope);
+    s->priced = 1;
+    for (natural k = 0; k < h->moves; k++)
+        for (natural c = 0; c < h->candidates; c++) {
+            s->penalty[k][c] = 0;
+            for (natural j = 0; j < m; j++) {
+                const fsw_real slope = s->u.hull.slope[k][j];
+                s->penalty[k][c] += 2 * slope * (h->value[c * m + j] - h->hull[2 * j + (slope < 0)]);
+            }
+        }
+}
+
+static void withdraw_prices(const fsw_horizon *h, fsw_horizon_scratch *s)
+{
+    pull_back(h, s, STATES(h), INPUTS(h), OUTPUTS(h), 0);
+    s->priced = 0;
+}
+
+/* ---- Dominance ---- */
+
+#if FSW_RECORDS > 0
+/* Whether a node visited before at this depth makes the node x[k], reached by `from`, superfluous; else remember it. */
+INLINE int dominated(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural C, natural k,
+                     natural from, fsw_real bound, fsw_real cutoff)
+{
+    const natural span = n + m, visits = s->u.tree.visits[k], kept = visits < FSW_RECORDS ? visits : FSW_RECORDS;
+    const fsw_real room = cutoff - bound;
+    fsw_real at[FSW_SPAN];
+    for (natural a = 0; a < span; a++)
+        at[a] = product(h->from_metric[(k * C + from) * span + a], h->metric + (k * span + a) * n, s->u.tree.x[k], n);
+    for (natural i = 0; i < kept; i++) {
+        const fsw_real first = at[0] - s->u.tree.record[k][i].at[0];
+        const fsw_real better = bound - s->u.tree.record[k][i].bound;
+        fsw_real slack = better - first * first; /* g_A - g_B - D^2, must not be negative */
+        if (slack < 0) continue;                 /* the metric's rows are sorted: nearly all stop here */
+        for (natural a = 1; a < span; a++) {
+            const fsw_real e = at[a] - s->u.tree.record[k][i].at[a];
+            slack -= e * e;
+        }
+        if (slack < 0 || (h->exclusive && s->u.tree.record[k][i].from != from)) continue;
+        if (slack / room * slack < 4 * (better - slack)) continue; /* sqrt g_A - sqrt g_B >= D, without roots */
+        natural j = 0;
+        while (j < m && (!h->dwell || s->u.tree.record[k][i].wait[j] <= s->u.tree.wait[k][j])) j++;
+        if (j == m) return 1;
+    }
+    const natural slot = visits % FSW_RECORDS;
+    s->u.tree.visits[k] = (uint8_t)(visits + 1 == 2 * FSW_RECORDS ? FSW_RECORDS : visits + 1);
+    for (natural a = 0; a < span; a++) s->u.tree.record[k][slot].at[a] = at[a];
+    s->u.tree.record[k][slot].bound = bound;
+    s->u.tree.record[k][slot].from = (uint8_t)from;
+    for (natural j = 0; h->dwell && j < m; j++) s->u.tree.record[k][slot].wait[j] = s->u.tree.wait[k][j];
+    return 0;
+}
+#endif
+
+/* ---- Children ---- */
+
+INLINE int allowed(const fsw_horizon *h, const fsw_horizon_scratch *s, natural m, natural k, natural from, natural c)
+{
+    for (natural j = 0; h->dwell && j < m; j++)
+        if (s->u.tree.wait[k][j] > 0 && h->level[c * m + j] != h->level[from * m + j]) return 0;
+    return 1;
+}
+
+/* List the children of the node at depth k that can still beat the incumbent, best first; of the last of
+ * several moves only the best. */
+INLINE void expand(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural C, natural k,
+                   natural from, fsw_real base, fsw_real cutoff)
+{
+    const fsw_real *place = h->place + k * C * m, *penalty = s->priced ? s->penalty[k] : 0;
+    fsw_real w[FSW_MAX_INPUTS], *bound = s->u.tree.bound[k];
+    uint8_t *child = s->u.tree.child[k];
+    natural count = 0;
+    for (natural a = 0; a < m; a++)
+        w[a] = product(s->target[k][a] + h->from_place[(k * C + from) * m + a], h->gain + (k * m + a) * n,
+                       s->u.tree.x[k], n);
+    for (natural c = 0; c < C; c++, place += m) {
+        fsw_real b = base;
+        if (penalty) b += penalty[c];
+        for (natural a = 0; a < m; a++) {
+            const fsw_real e = place[a] - w[a];
+            b += e * e;
+        }
+        if (h->switch_cost) b += h->switch_cost[from * C + c];
+        if (!(b < cutoff) || (h->dwell && !allowed(h, s, m, k, from, c))) continue;
+        natural i = count++;
+        for (; i > 0 && bound[i - 1] > b; i--) {
+            bound[i] = bound[i - 1];
+            child[i] = child[i - 1];
+        }
+        bound[i] = b;
+        child[i] = (uint8_t)c;
+    }
+    s->u.tree.count[k] = (uint8_t)(count > 1 && k > 0 && k + 1u == h->moves ? 1 : count);
+    s->u.tree.next[k] = 0;
+}
+
+/* ---- Search ---- */
+
+INLINE void root(fsw_horizon_scratch *s, natural n, natural m, natural moves, const uint32_t *wait)
+{
+    for (natural i = 0; i < n; i++) s->u.tree.x[0][i] = 0;
+    for (natural j = 0; j < m; j++) s->u.tree.wait[0][j] = (uint16_t)(wait[j] < UINT16_MAX ? wait[j] : UINT16_MAX);
+#if FSW_RECORDS > 0
+    for (natural k = 0; k < moves; k++) s->u.tree.visits[k] = 0;
+#else
+    (void)moves;
+#endif
+}
+
+/* State and waits at depth k + 1, by candidate c after candidate `from`. */
+INLINE void descend(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural k, natural from,
+                    natural c)
+{
+    for (natural i = 0; i < n; i++)
+        s->u.tree.x[k + 1][i] = product(h->effect[c * n + i], h->F + i * n, s->u.tree.x[k], n);
+    for (natural j = 0; h->dwell && j < m; j++) {
+        const uint16_t left = s->u.tree.wait[k][j];
+        s->u.tree.wait[k + 1][j] =
+            (uint16_t)(h->level[c * m + j] != h->level[from * m + j] ? h->dwell[c * m + j] - 1 : left - (left > 0));
+    }
+}
+
+/* Cost above V_0 of a whole sequence; HUGE_COST if it breaks a dwell or there is none. */
+INLINE fsw_real follow(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural C, natural present,
+                       const uint8_t *sequence)
+{
+    fsw_real cost = 0;
+    natural from = present;
+    for (natural k = 0; k < h->moves; k++) {
+        const natural c = sequence[k];
+        if (c >= C || (h->dwell && !allowed(h, s, m, k, from, c))) return HUGE_COST;
+        if (s->priced) cost += s->penalty[k][c];
+        if (h->switch_cost) cost += h->switch_cost[from * C + c];
+        for (natural a = 0; a < m; a++) {
+            const natural row = (k * C + c) * m + a;
+            const fsw_real e = product(s->target[k][a] + h->from_place[(k * C + from) * m + a],
+                                       h->gain + (k * m + a) * n, s->u.tree.x[k], n) - h->place[row];
+            cost += e * e;
+        }
+        if (k + 1u < h->moves) descend(h, s, n, m, k, from, c);
+        from = c;
+    }
+    return cost;
+}
+
+/* Least bound of all open nodes down to depth k, at most the incumbent's cost. */
+static fsw_real least_open(const fsw_horizon_scratch *s, natural k, fsw_real least)
+{
+    for (natural i = 0; i <= k; i++) {
+        const natural next = s->u.tree.next[i];
+        if (next < s->u.tree.count[i] && s->u.tree.bound[i][next] < least) least = s->u.tree.bound[i][next];
+    }
+    return least;
+}
+
+/* Of the root's children only one. */
+static void keep_only(fsw_horizon_scratch *s, natural first)
+{
+    natural at = 0;
+    while (at < s->u.tree.count[0] && s->u.tree.child[0][at] != first) at++;
+    s->u.tree.next[0] = (uint8_t)at;
+    if (at < s->u.tree.count[0]) s->u.tree.count[0] = (uint8_t)(at + 1u);
+}
+
+INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural C,
+                                 uint8_t present, const uint32_t *wait, const uint8_t *warm, natural first,
+                                 uint32_t budget)
+{
+    const natural last = h->moves - 1u;
+    fsw_horizon_answer answer = {HUGE_COST, 0, 0, 0, 0};
+    uint32_t pause = h->patience < budget ? h->patience : budget;
+    enum { RESTART, EXPAND, BACKTRACK } next = RESTART;
+    fsw_real bound = 0; /* costs and bounds are above V_0, which changes with the prices */
+    natural k = 0, c = present;
+    if (warm) {
+        root(s, n, m, h->moves, wait);
+        answer.excess = follow(h, s, n, m, C, present, warm);
+        answer.nodes = h->moves;
+        answer.found = answer.excess < HUGE_COST;
+        for (natural i = 0; answer.found && i <= last; i++) s->best[i] = warm[i];
+    }
+    for (;;) {
+        if (next == RESTART) {
+            root(s, n, m, h->moves, wait);
+            bound = 0;
+            k = 0;
+            c = present;
+        }
+        if (next != BACKTRACK) {
+            expand(h, s, n, m, C, k, c, bound, answer.excess);
+            answer.nodes += (uint32_t)C;
+            if (first < C && k == 0) keep_only(s, first);
+        }
+        next = BACKTRACK;
+        const natural open = s->u.tree.next[k];
+        if (open == s->u.tree.count[k] || !(s->u.tree.bound[k][open] < answer.excess)) {
+            if (k-- > 0) continue;
+            answer.optimal = answer.found;
+            return answer;
+        }
+        if (answer.found && answer.nodes >= pause) {
+            if (answer.nodes >= budget) break;
+            pause = budget;
+            if (leaves_hull(h, s, present)) {
+                const fsw_real plain = answer.excess;
+                set_prices(h, s, present);
+                root(s, n, m, h->moves, wait);
+                answer.excess = follow(h, s, n, m, C, present, s->best);
+                answer.nodes += h->moves;
+                if (answer.excess > plain) { /* they did not converge, and the bound is worse than without them */
+                    withdraw_prices(h, s);
+                    answer.excess = plain;
+                }
+                next = RESTART;
+            }
+            continue;
+        }
+        const natural from = k > 0 ? s->u.tree.path[k - 1] : present;
+        c = s->u.tree.child[k][open];
+        bound = s->u.tree.bound[k][open];
+        s->u.tree.next[k]++;
+        s->u.tree.path[k] = (uint8_t)c;
+        if (k < last) {
+            descend(h, s, n, m, k, from, c);
+            k++;
+#if FSW_RECORDS > 0
+            if (h->dominance && k > 1 && k < last && dominated(h, s, n, m, C, k, c, bound, answer.excess)) {
+                k--;
+                continue;
+            }
+#endif
+            next = EXPAND;
+            continue;
+        }
+        for (natural i = 0; i <= last; i++) s->best[i] = s->u.tree.path[i];
+        answer.excess = bound;
+        answer.found = 1;
+        if (bound > h->far && pause < budget) pause = answer.nodes < budget ? answer.nodes : budget;
+    }
+    answer.gap = answer.excess - least_open(s, k, answer.excess);
+    answer.optimal = !(answer.gap > 0);
+    return answer;
+}
+
+fsw_horizon_answer fsw_horizon_search(const fsw_horizon *h, fsw_horizon_scratch *s, uint8_t present,
+                                      const uint32_t *wait, const uint8_t *warm, uint8_t first,
+                                      uint32_t node_budget)
+{
+#if COPIES
+    if (h->states == 2 && h->inputs == 1) {
+        if (h->candidates == 2) return search(h, s, 2, 1, 2, present, wait, warm, first, node_budget);
+        if (h->candidates == 3) return search(h, s, 2, 1, 3, present, wait, warm, first, node_budget);
+    }
+#endif
+    return search(h, s, STATES(h), INPUTS(h), CANDIDATES(h), present, wait, warm, first, node_budget);
+}
+
+/* ---- Cost ---- */
+
+fsw_real fsw_horizon_cost(const fsw_horizon *h, const fsw_horizon_scratch *s, uint8_t present, const uint8_t *sequence)
+{
+    const natural n = STATES(h), m = INPUTS(h), q = OUTPUTS(h), C = CANDIDATES(h), hold = h->tail == FSW_TAIL_HOLD;
+    fsw_real x[FSW_HORIZON_STATES], y[FSW_HORIZON_STATES], cost = 0;
+    natural from = present;
+    for (natural i = 0; i < n; i++) x[i] = 0;
+    for (natural k = 0; k < h->steps; k++) {
+        const natural c = sequence[k < h->moves ? k : h->moves - 1u];
+        for (natural i = 0; i < n; i++)
+            y[i] = product(k < h->moves || hold ? h->effect[c * n + i] : 0, h->F + i * n, x, n);
+        for (natural i = 0; i < n; i++) x[i] = y[i];
+        for (natural o = 0; o < q; o++) {
+            const fsw_real e = s->error[k][o] + h->root_weight[k * q + o] * product(0, h->S + o * n, x, n);
+            cost += e * e;
+        }
+        if (k >= h->moves) continue;
+        for (natural j = 0; j < m; j++) {
+            const fsw_real move = h->value[c * m + j] - h->value[from * m + j];
+            cost += h->move_weight[j] * move * move;
+        }
+        if (h->switch_cost) cost += h->switch_cost[from * C + c];
+        from = c;
+    }
+    for (natural t = 0; t < h->terminal; t++) {
+        const fsw_real e = product(product(-s->aim[t], h->T + t * n, s->end, n), h->T + t * n, x, n);
+        cost += e * e;
+    }
+    return cost;
+}
+
+#else
+typedef int fsw_no_horizon; /* a translation unit must declare something */
+#endif

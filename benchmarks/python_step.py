@@ -20,7 +20,7 @@ class NumpyLaw:
     """The paper's law in as few calls as seem possible: all that is known in one vector, one product, one argmin."""
 
     def __init__(self, law: Controller) -> None:
-        rows, sliding = law._rows, law._sliding
+        rows, sliding = law._law.rows, law._law.sliding
         self.row = np.concatenate([rows.state[0], -sliding.reference[0], rows.pending[0][:, 0]])
         self.known = np.zeros(9)
         self.x, self.reference = self.known[:2], self.known[2:4]

@@ -223,6 +223,6 @@ def _worth(project: Project) -> float:
     """What one switch moves the predicted cost by when s is half a step of the actuator: the scale of switch costs."""
     controller = project.controller
     steps = [
-        np.diff(values).max() * hold[0] for values, hold in zip(controller.levels, controller._rows.hold, strict=True)
+        np.diff(values).max() * hold[0] for values, hold in zip(controller.levels, controller._law.rows.hold, strict=True)
     ]
-    return float(0.5 * max((controller._weight * step**2).sum() for step in steps))
+    return float(0.5 * max((controller._law.weight * step**2).sum() for step in steps))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,24 +13,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from foreswitch import _check, prediction
+from foreswitch._arrays import reals
 from foreswitch._check import Array
 from foreswitch._text import nearest, tree
 from foreswitch.core import CORES, REALS
-from foreswitch.estimator import Kalman, load_entries, steady_filter
-from foreswitch.horizon import HorizonModel, HorizonTables, horizon_model, horizon_tables, riccati_terminal
+from foreswitch.endpoint_design import EndpointDesign
+from foreswitch.estimator import Filter, Kalman, load_entries, steady_filter
+from foreswitch.horizon_design import HorizonDesign
+from foreswitch.levels import LONGEST_HOLD, Actuator, level_indices
 from foreswitch.objective import Endpoint, Horizon
 from foreswitch.plant import Plant
 
-__all__ = [
-    "Controller",
-    "Decision",
-    "Status",
-    "canonical_reference",
-    "dwell_periods",
-    "input_levels",
-    "level_indices",
-    "safe_indices",
-]
+__all__ = ["Controller", "Decision", "Status", "canonical_reference"]
 
 
 class Status(IntEnum):
@@ -93,61 +86,6 @@ class Decision:
     optimal: bool
     gap: float
     status: Status
-
-
-def input_levels(levels: Any, inputs: int) -> list[Array]:
-    """Per input, its ascending levels."""
-    nested = isinstance(levels, (list, tuple)) and any(np.ndim(item) > 0 for item in levels)
-    given = list(levels) if nested or getattr(levels, "ndim", 1) > 1 else [levels]
-    if len(given) != inputs:
-        raise ValueError(f"levels lists {len(given)} input(s); the plant has {inputs}, give one list for each")
-    result = []
-    for j, item in enumerate(given):
-        values = _check.array(f"levels of input {j + 1}", item)
-        if values.ndim != 1 or not 2 <= values.size <= 255:
-            raise ValueError(f"levels of input {j + 1} have shape {values.shape}; give 2 to 255 levels in a row")
-        if (np.diff(values) <= 0).any():
-            raise ValueError(f"levels of input {j + 1} are {values.tolist()}; they must ascend")
-        result.append(values)
-    return result
-
-
-def level_indices(name: str, command: ArrayLike, levels: list[Array]) -> list[int]:
-    """A command as level indices."""
-    values = np.atleast_1d(_check.array(name, command))
-    if values.shape != (len(levels),):
-        raise ValueError(f"{name} is {np.asarray(command).tolist()}; give one level for each of {len(levels)} input(s)")
-    result = []
-    for j, value in enumerate(values):
-        hit = np.flatnonzero(levels[j] == value)
-        if hit.size == 0:
-            raise ValueError(f"{name} holds {value:g}; the levels of input {j + 1} are {levels[j].tolist()}")
-        result.append(int(hit[0]))
-    return result
-
-
-def safe_indices(safe_level: ArrayLike | None, levels: list[Array]) -> list[int]:
-    """The declared safe levels, else per input the level nearest 0 (the lower of two)."""
-    if safe_level is None:
-        return [int(np.argmin(np.abs(values))) for values in levels]
-    return level_indices("safe_level", safe_level, levels)
-
-
-#: Periods that the core counts in 32 bits, and in 16.
-LONGEST_DWELL, LONGEST_HOLD = 2**32 - 1, 2**16 - 1
-
-
-def dwell_periods(
-    levels: list[Array], safe: list[int], min_on: ArrayLike, min_off: ArrayLike, Ts: float
-) -> tuple[list[list[int]], list[list[float]]]:
-    """Shortest run at each level of each input, in periods and in seconds: off is the safe level, on any other."""
-    on = _check.per("min_on", min_on, len(levels), "input", least=0.0)
-    off = _check.per("min_off", min_off, len(levels), "input", least=0.0)
-    longest = float(max(on.max(), off.max()))
-    if longest / Ts > LONGEST_DWELL:
-        raise ValueError(f"min_on or min_off is {longest:g} s; it must be at most 2^32 - 1 periods of Ts = {Ts:g} s")
-    seconds = [[float(off[j] if i == safe[j] else on[j]) for i in range(v.size)] for j, v in enumerate(levels)]
-    return [[max(1, _check.periods(s, Ts)) for s in row] for row in seconds], seconds
 
 
 class Controller:
@@ -250,20 +188,32 @@ class Controller:
         }  # fmt: skip
         self.plant, self.objective, self.estimator, self.real = plant, objective, estimator, real
         self.Ts = _check.number("Ts", Ts, above=0.0)
-        self.levels = input_levels(levels, plant.inputs)
-        if isinstance(objective, Endpoint) and objective.Td < self.Ts * (1.0 - 1e-9):
-            raise ValueError(f"Td is {objective.Td:g}; it must be at least one switching period Ts = {self.Ts:g}")
         if not 1 <= _check.number("bad_limit", bad_limit) <= 65535 or bad_limit != int(bad_limit):
             raise ValueError(f"bad_limit is {bad_limit}; give 1 to 65535 samples")
-        self._safe = safe_indices(safe_level, self.levels)
-        self._dwell, self._dwell_seconds = dwell_periods(self.levels, self._safe, min_on, min_off, self.Ts)
-        self._switch_cost = _check.per("switch_cost", switch_cost, plant.inputs, "input", least=0.0)
-        self._candidates = self._allowed(forbidden)
         self._bad_limit = 0 if safe_level is None else int(bad_limit)
-        self._warn_of_short_horizon()
-        self._check_sizes()
-        self._design()
-        self._reference_offset = self._sampling(preview)
+        self._actuator = Actuator.build(
+            levels, plant.inputs, self.Ts, min_on=min_on, min_off=min_off, switch_cost=switch_cost, forbidden=forbidden,
+            safe_level=safe_level,
+        )  # fmt: skip
+        self.levels, self._safe = self._actuator.levels, self._actuator.safe
+        kind: Any = EndpointDesign if isinstance(objective, Endpoint) else HorizonDesign
+        self._warn_of_short_prediction(*kind.reach(objective, self.Ts))
+        self._check_sizes(kind.reach(objective, self.Ts)[0])
+        self._model = prediction.period_model(self._with_loads(), self.Ts)
+        self._law: EndpointDesign | HorizonDesign
+        if isinstance(objective, Endpoint):
+            self._law = EndpointDesign(self._with_loads(), objective, self._actuator, self.Ts)
+        else:
+            self._law = HorizonDesign(self._with_loads(), objective, self._actuator, self.Ts, CORES[real])
+        single = plant.outputs == 1
+        self.lag: float | Array = float(self._law.lag[0]) if single else self._law.lag
+        self.dc_gain: float | Array = float(self._law.dc_gain[0, 0]) if single else self._law.dc_gain
+        self.relative_degree = self._law.relative_degree
+        self.kalman: Filter | None = None
+        if estimator is not None:
+            load_steps = self._model.disturbance[:, plant.disturbances :]
+            self.kalman = steady_filter(estimator, plant, self._model.transition, load_steps)
+        self._reference_offset = self._law.sampling(preview)
         self._parts = self._core_parts()
         self._core = self._new_core()
         self.reset()
@@ -273,159 +223,33 @@ class Controller:
 
     # ---- Design ----
 
-    def _allowed(self, forbidden: Sequence[ArrayLike]) -> Array:
-        """Level indices of the candidates, shape (p, m), in lexicographic order."""
-        if isinstance(forbidden, str) or not isinstance(forbidden, (Sequence, np.ndarray)):
-            raise ValueError(f"forbidden is {forbidden!r}; give a list of commands")
-        no = {tuple(level_indices("forbidden", command, self.levels)) for command in forbidden}
-        count = int(np.prod([values.size for values in self.levels], dtype=np.float64))
-        if count > 65535:
-            raise ValueError(f"levels form {count} combinations; at most 65535 fit one decision, use fewer levels")
-        every = itertools.product(*(range(values.size) for values in self.levels))
-        allowed = [combination for combination in every if combination not in no]
-        if len(allowed) < 2:
-            raise ValueError(f"forbidden leaves {len(allowed)} command(s); at least two are needed for a choice")
-        if tuple(self._safe) in no:
-            level = [float(v[i]) for v, i in zip(self.levels, self._safe, strict=True)]
-            raise ValueError(f"forbidden contains the safe level {level}; declare an allowed safe_level")
-        return np.array(allowed, dtype=np.uint8)
-
-    @property
-    def _reach(self) -> float:
-        """How far the prediction goes beyond the dead time [s]."""
-        objective = self.objective
-        return float(objective.Td) if isinstance(objective, Endpoint) else objective.steps * self.Ts
-
-    def _warn_of_short_horizon(self) -> None:
-        longest = max(max(row) for row in self._dwell_seconds)
-        if longest > self._reach * (1.0 + 1e-9):
-            name = "Td" if isinstance(self.objective, Endpoint) else "the horizon"
+    def _warn_of_short_prediction(self, reach: float, name: str) -> None:
+        longest = max(max(row) for row in self._actuator.dwell_seconds)
+        if longest > reach * (1.0 + 1e-9):
             warnings.warn(
-                f"min_on or min_off of {longest:g} s exceeds {name} = {self._reach:g} s: a switch is judged before "
-                f"it may be taken back; consider a longer {'Td' if name == 'Td' else 'one'}",
+                f"min_on or min_off of {longest:g} s exceeds {name} = {reach:g} s: a switch is judged before it may be "
+                f"taken back; consider a longer {name.removeprefix('the ')}",
                 UserWarning,
                 stacklevel=3,
             )
 
-    def _check_sizes(self) -> None:
+    def _check_sizes(self, reach: float) -> None:
         """What the core can hold; before the design, which would take as long as it is large."""
         plant, core = self.plant, CORES[self.real]
         loads = 0 if self.estimator is None else load_entries(self.estimator, plant).shape[1]
         longest = float(plant.input_delay.max())
         depth = _check.periods(longest, self.Ts) + 1
-        reach = min(max(map(max, self._dwell)), _check.periods(longest + self._reach, self.Ts))
+        holds = min(max(map(max, self._actuator.dwell)), _check.periods(longest + reach, self.Ts))
         for size, limit, what in (
             (plant.states, core.MAX_STATES, "states"),
             (plant.inputs, core.MAX_INPUTS, "inputs"),
             (plant.outputs, core.MAX_OUTPUTS, "outputs"),
             (plant.disturbances + loads, core.MAX_DISTURBANCES, "disturbances and loads"),
             (depth * plant.inputs, min(core.MAX_LINE, LONGEST_HOLD), "periods of dead time (times inputs)"),
-            (reach, LONGEST_HOLD, "periods of dwell within the horizon"),
+            (holds, LONGEST_HOLD, "periods of dwell within the horizon"),
         ):
             if size > limit:
                 raise ValueError(f"plant has {size} {what}; the core holds up to {limit}, perhaps with a longer Ts")
-
-    def _design(self) -> None:
-        """Everything that can be computed before the first measurement."""
-        objective, q, plant = self.objective, self.plant.outputs, self._with_loads()
-        self._weight = _check.per("weight", objective.weight, q, "output")
-        self._rest = prediction.rest(plant) if objective.tail == "rest" else None
-        self._model = prediction.period_model(plant, self.Ts)
-        self.kalman = None
-        if self.estimator is not None:
-            load_steps = self._model.disturbance[:, self.plant.disturbances :]
-            self.kalman = steady_filter(self.estimator, self.plant, self._model.transition, load_steps)
-        if isinstance(objective, Endpoint):
-            self._design_endpoint(objective, plant)
-        else:
-            self._design_horizon(objective, plant)
-
-    def _design_endpoint(self, objective: Endpoint, plant: Plant) -> None:
-        """Rows of theory [4] and the loop's figures."""
-        q = plant.outputs
-        self.relative_degree = self._degrees()
-        self._lam = _check.per("lam", objective.lam, q, "output")
-        self._sliding = prediction.sliding(plant, self._lam, self.relative_degree.tolist())
-        longest = [max(row) for row in self._dwell]
-        with np.errstate(over="ignore", invalid="ignore"):  # checked below
-            self._rows = prediction.endpoint_rows(plant, self._sliding, self.Ts, objective.Td, longest)
-        for j, row in enumerate(self._rows.hold):
-            scale = np.abs(self._sliding.state).sum(axis=1) * np.abs(plant.B[:, j]).max() * self.Ts
-            if not np.isfinite(row).all():
-                raise ValueError(f"Td = {objective.Td:g} s is too long for this unstable plant; shorten it")
-            if not (np.abs(row[0]) > 1e-14 * scale).any():
-                raise ValueError(
-                    f"input {j + 1} has no effect on the sliding variable at the evaluation instant (h = 0); "
-                    "change Td, lam or the outputs"
-                )
-        gain, lag = prediction.ideal_response(
-            self._model, self._rows, self._sliding, self._rest, plant.C, self._weight, self.Ts
-        )
-        self.lag = float(lag[0]) if q == 1 else lag
-        self.dc_gain = float(gain[0, 0]) if q == 1 else gain
-
-    def _design_horizon(self, objective: Horizon, plant: Plant) -> None:
-        """Tables of the exact search."""
-        q, m = plant.outputs, plant.inputs
-        if objective.lam is None:
-            self.relative_degree = np.ones(q, dtype=np.int64)
-            self._sliding = prediction.sliding(plant, np.ones(q), [1] * q)
-        else:
-            self.relative_degree = self._degrees()
-            lam = _check.per("lam", objective.lam, q, "output")
-            self._sliding = prediction.sliding(plant, lam, self.relative_degree.tolist())
-        model = self._horizon_model = horizon_model(plant, self.Ts)
-        core, steps = CORES[self.real], objective.steps + model.lead
-        size = model.F.shape[0]
-        for count, limit, what in (
-            (steps, core.MAX_STEPS, "steps (those that the fastest input is ahead included)"),
-            (size, core.HORIZON_STATES, "states and waiting moves"),
-            (len(self._candidates), core.HORIZON_CANDIDATES, "candidates"),
-        ):
-            if count > limit:
-                raise ValueError(f"the horizon has {count} {what}; the core holds up to {limit}, use fewer")
-        first, last = objective.window or (1, objective.steps)
-        root_weight = np.zeros((steps, q))
-        root_weight[model.lead + first - 1 : model.lead + last] = np.sqrt(self._weight)
-        S = np.hstack([self._sliding.state, np.zeros((q, size - plant.states))])
-        move_weight = _check.per("move_weight", objective.move_weight, m, "input")
-        terminal = self._terminal(objective, model, S, move_weight)
-        with np.errstate(over="ignore", invalid="ignore"):  # checked below
-            try:
-                self._tables = horizon_tables(
-                    model.F, model.G, S, root_weight, objective.moves or objective.steps,
-                    self._values(self._candidates), self._candidates, move_weight, hold=objective.tail == "hold",
-                    switch_cost=self._switch_cost, terminal=terminal,
-                )  # fmt: skip
-            except np.linalg.LinAlgError:
-                raise ValueError(f"steps is {objective.steps}, too long for this unstable plant; shorten it") from None
-        if not all(np.isfinite(a).all() for a in self._tables.arrays.values() if a is not None):
-            raise ValueError(f"steps is {objective.steps}, too long for this unstable plant; shorten it")
-        self._terminal_root = terminal
-        # the sequence is chosen with the whole reference in view; what lag is left is the quantiser's
-        self.lag = np.nan if q == 1 else np.full(q, np.nan)
-        self.dc_gain = np.nan if q == 1 else np.full((q, q), np.nan)
-
-    def _terminal(self, objective: Horizon, model: HorizonModel, S: Array, move_weight: Array) -> Array:
-        """Root of the terminal cost, (rows, states of the horizon)."""
-        size, n = model.F.shape[0], self.plant.states
-        if objective.terminal is None:
-            return np.zeros((0, size))
-        if isinstance(objective.terminal, str):
-            least = 1e-6 * np.einsum("oi,ij,o->j", S**2, model.G**2, self._weight)
-            try:
-                return riccati_terminal(model.F, model.G, S, self._weight, np.maximum(move_weight, least))
-            except np.linalg.LinAlgError:
-                raise ValueError(
-                    "terminal is 'riccati', but the plant has a mode that no input moves or no output shows; "
-                    "leave it out, or give a matrix"
-                ) from None
-        P = _check.array("terminal", objective.terminal, (n, n))
-        values, vectors = np.linalg.eigh((P + P.T) / 2.0)
-        if not np.allclose(P, P.T) or values.min() < -1e-9 * max(values.max(), 1e-300):
-            raise ValueError(f"terminal is {P.tolist()}; give a symmetric matrix without negative eigenvalues")
-        root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-        return np.hstack([root, np.zeros((n, size - n))])
 
     def _with_loads(self) -> Plant:
         """The plant with its loads behind its measured disturbances, which is all that prediction has to know of them."""
@@ -433,125 +257,37 @@ class Controller:
             return self.plant
         return self.plant.replace(E=np.hstack([self.plant.E, load_entries(self.estimator, self.plant)]))
 
-    def _degrees(self) -> np.ndarray[Any, np.dtype[np.int64]]:
-        given = self.objective.relative_degree
-        if given is not None:
-            values = _check.per("relative_degree", given, self.plant.outputs, "output", least=1.0)
-            if (values > self.plant.states).any() or (values != np.round(values)).any():
-                raise ValueError(f"relative_degree is {given!r}; give whole numbers from 1 to {self.plant.states}")
-            return values.astype(np.int64)
-        found = prediction.relative_degrees(self.plant)
-        if 0 in found:
-            raise ValueError(
-                f"output {found.index(0) + 1} has no candidate effect (h = 0): no input reaches it; check B and C"
-            )
-        return np.array(found, dtype=np.int64)
-
-    def _sampling(self, preview: bool | str | float) -> Array:
-        """Offsets from t_k at which the reference is sampled, (1,), or (1, q) where outputs differ."""
-        if isinstance(self.objective, Horizon):
-            if isinstance(preview, str):
-                raise ValueError(f"preview is {preview!r}; a Horizon takes False, True or seconds")
-            if isinstance(preview, (bool, np.bool_)) and preview:
-                steps = np.arange(1, self.objective.steps + 1)
-                return np.asarray(float(self.plant.input_delay.max()) + steps * self.Ts)
-            return np.full(self.objective.steps, 0.0 if isinstance(preview, (bool, np.bool_)) else preview, dtype=float)
-        if isinstance(preview, str):
-            if preview != "lag":
-                raise ValueError(f"preview is {preview!r}; give False, True, 'lag' or seconds")
-            lag = np.atleast_1d(self.lag)
-            if not np.isfinite(lag).all():
-                raise ValueError("preview is 'lag', but the loop has no lag (its DC gain is 0); give seconds")
-            return lag[:1] if np.all(lag == lag[0]) else lag[None, :]
-        if isinstance(preview, (bool, np.bool_)):
-            horizon = float(self.plant.input_delay.max()) + self.objective.Td
-            return np.array([horizon if preview else 0.0])
-        return np.array([_check.number("preview", preview)])
-
     def _core_parts(self) -> tuple[tuple[int, ...], tuple[Any, ...], Any]:
         """Sizes, arrays and horizon of the core's design, in the order of the binding."""
-        reals = partial(_reals, REALS[self.real])
-        plant, model, rest, kalman = self.plant, self._model, self._rest, self.kalman
-        n, m, q, p = plant.states, plant.inputs, plant.outputs, self._disturbances
+        real = REALS[self.real]
+        each = partial(reals, real)
+        plant, model, law, kalman, actuator = self.plant, self._model, self._law, self.kalman, self._actuator
+        p, rest = self._disturbances, law.rest
         limit = 0 if self.estimator is None else int(self.estimator.gate_limit)
-        horizon = isinstance(self.objective, Horizon)
-        rows = None if horizon else self._rows
-        exact = np.concatenate(self.levels)
-        sizes = (n, m, q, p, self.order, max(model.delay) + 1, len(self._candidates), self._bad_limit, self._measured[0],
-                 p - plant.disturbances, limit)  # fmt: skip
-        if horizon and rest is None:
-            rest_arrays: tuple[Any, ...] = (None,) * 3
-        else:
-            rest_arrays = tuple(map(reals, (rest.reference, rest.disturbance, rest.offset))) if rest else (None,) * 3
-        arrays = (
-            np.array([v.size for v in self.levels], dtype=np.uint8),
+        sizes = (plant.states, plant.inputs, plant.outputs, p, self.order, max(model.delay) + 1, len(actuator.candidates),
+                 self._bad_limit, self._measured[0], p - plant.disturbances, limit)  # fmt: skip
+        exact = np.concatenate(actuator.levels)
+        arrays: tuple[Any, ...] = (
+            np.array([v.size for v in actuator.levels], dtype=np.uint8),
             np.array(model.delay, dtype=np.uint16),
-            np.array([len(h) for h in rows.hold] if rows else [0] * m, dtype=np.uint16),
+            np.array(law.holds, dtype=np.uint16),
             exact,
-            reals(exact),
-            self._candidates.ravel(),
-            np.array(self._safe, dtype=np.uint8),
-            *(self._endpoint_arrays(rows) if rows else (None,) * 8),
-            *rest_arrays,
-            np.concatenate([np.array(row, dtype=np.uint32) for row in self._dwell]),
-            reals(self._switch_cost),
-            *map(reals, (model.transition, model.old, model.new, model.disturbance, model.drift)),
+            each(exact),
+            actuator.candidates.ravel(),
+            np.array(actuator.safe, dtype=np.uint8),
+            *law.endpoint_arrays(real),
+            *(map(each, (rest.reference, rest.disturbance, rest.offset)) if rest else (None,) * 3),
+            np.concatenate([np.array(row, dtype=np.uint32) for row in actuator.dwell]),
+            each(actuator.switch_cost),
+            *map(each, (model.transition, model.old, model.new, model.disturbance, model.drift)),
         )
         if kalman is None:
             arrays += (None,) * 6
         else:
-            gate = None if kalman.gate is None else reals(kalman.gate)
+            gate = None if kalman.gate is None else each(kalman.gate)
             estimation = (kalman.gain, plant.C, plant.y_offset, kalman.start_row, kalman.start_offset)
-            arrays += (*map(reals, estimation), gate)
-        return sizes, arrays, self._horizon_parts() if horizon else None
-
-    def _endpoint_arrays(self, rows: prediction.EndpointRows) -> tuple[Any, ...]:
-        """From state_row to total_row."""
-        reals = partial(_reals, REALS[self.real])
-        return (
-            *map(reals, (rows.state, rows.disturbance, rows.offset, self._sliding.reference, 0.5 * self._weight)),
-            reals(_products(rows.pending, self.levels)),
-            reals(np.concatenate([np.ravel(a) for a in rows.hold])),
-            reals(rows.total),
-        )
-
-    def _horizon_parts(self) -> tuple[Any, ...]:
-        """Scalars and arrays of the core's horizon."""
-        objective, model, tables, sliding = self.objective, self._horizon_model, self._tables, self._sliding
-        assert isinstance(objective, Horizon)
-        reals = partial(_reals, REALS[self.real])
-        root, q, p = self._terminal_root, self.plant.outputs, self._disturbances
-        aim = self._rest_of_horizon() if len(root) else (np.zeros((0, q)), np.zeros((0, p)), np.zeros(0))
-        # a dwell of which the search cannot see the end is as good as one just beyond it
-        longest = objective.steps + model.lead + 1
-        dwell = np.array([[min(self._dwell[j][c], longest) for j, c in enumerate(command)] for command in self._candidates])
-        exclusive = tables.exclusive or bool((dwell > 1).any())
-        tails = {"zero": 0, "rest": 1, "hold": 2}
-        sizes = (objective.steps + model.lead, objective.moves or objective.steps, model.F.shape[0], self.order, model.lead,
-                 len(root), tails[objective.tail], int(exclusive), int(tables.dominance), tables.patience,
-                 objective.node_budget or 2**32 - 1)  # fmt: skip
-        arrays = (
-            *map(reals, (model.state, model.start_disturbance, model.start)),
-            reals(_products(model.pending, self.levels)),
-            *map(reals, (model.drift, model.disturbance, sliding.disturbance, sliding.offset, sliding.reference)),
-            *map(reals, aim),
-            *(None if tables.arrays[name] is None else reals(tables.arrays[name]) for name in TABLES),
-            self._candidates.ravel(),
-            dwell.astype(np.uint16).ravel() if (dwell > 1).any() else None,
-        )
-        return sizes, tables.far, arrays
-
-    def _rest_of_horizon(self) -> tuple[Array, Array, Array]:
-        """T z_rest as rows of the last reference, of w, and an offset."""
-        rest = prediction.rest(self._with_loads())
-        model, root = self._horizon_model, self._terminal_root
-        inputs = (rest.reference, rest.disturbance, rest.offset)
-        result = []
-        for state, u in zip(rest.state, inputs, strict=True):
-            # a move that waits is one that holds the output at rest
-            waiting = [np.repeat(u[j : j + 1], delay, axis=0) for j, delay in enumerate(model.waiting)]
-            result.append(root @ np.concatenate([state, *waiting]))
-        return result[0], result[1], result[2]
+            arrays += (*map(each, estimation), gate)
+        return sizes, arrays, law.horizon_parts(real)
 
     @property
     def _disturbances(self) -> int:
@@ -569,12 +305,12 @@ class Controller:
     @property
     def order(self) -> int:
         """Reference derivatives wanted, the value included."""
-        return int(self._sliding.reference.shape[1])
+        return int(self._law.sliding.reference.shape[1])
 
     @property
     def evaluations(self) -> int:
         """Instants at which the reference is wanted."""
-        return 1 if isinstance(self.objective, Endpoint) else self.objective.steps
+        return self._law.evaluations
 
     @property
     def reference_times(self) -> Array:
@@ -646,7 +382,7 @@ class Controller:
                     f"pending has shape {np.shape(pending)}; give at least {self.pending_steps} row(s) of {m} level(s)"
                 )
             given = [level_indices("pending", row, self.levels) for row in values[-depth:]]
-            allowed = {tuple(c) for c in self._candidates.tolist()}
+            allowed = {tuple(c) for c in self._actuator.candidates.tolist()}
             for row in given:
                 if tuple(row) not in allowed:
                     level = [float(v[i]) for v, i in zip(self.levels, row, strict=True)]
@@ -658,7 +394,7 @@ class Controller:
         if elapsed is not None:
             since = _check.per("elapsed", elapsed, m, "input", least=0.0)
             for j in range(m):
-                wait[j] = _check.periods(self._dwell_seconds[j][line[-1, j]] - since[j], self.Ts)
+                wait[j] = _check.periods(self._actuator.dwell_seconds[j][line[-1, j]] - since[j], self.Ts)
         self._core.preload(line.ravel(), wait)
         if known is not None:
             self._core.start(*known)
@@ -729,25 +465,26 @@ class Controller:
         ValueError
             As in `step`.
         """
-        costs = np.empty(len(self._candidates))
+        costs = np.empty(len(self._actuator.candidates))
         arguments = self._canonical(x, reference, disturbance)
         candidate, cost, nodes, status, gap = self._core.decide(*arguments, costs)
         chosen = np.frombuffer(self._core.line(), dtype=np.uint8)[-self.plant.inputs :]
         if status == Status.SAFE:
             chosen = np.array(self._safe, dtype=np.uint8)
         elif candidate < len(costs):
-            chosen = self._candidates[candidate]
-        u = self._values(chosen[None, :])
+            chosen = self._actuator.candidates[candidate]
+        u = self._actuator.values(chosen[None, :])
         evaluated = nodes > 0
         sequence = self._core.sequence() if evaluated else None
-        plan = u if sequence is None else self._values(self._candidates[np.frombuffer(sequence, dtype=np.uint8)])
+        plan = (
+            u
+            if sequence is None
+            else self._actuator.values(self._actuator.candidates[np.frombuffer(sequence, dtype=np.uint8)])
+        )
         return Decision(
-            u[0], cost, self._values(self._candidates), costs, plan, nodes, evaluated and gap == 0.0,
+            u[0], cost, self._actuator.values(self._actuator.candidates), costs, plan, nodes, evaluated and gap == 0.0,
             gap if evaluated else np.inf, Status(status),
         )  # fmt: skip
-
-    def _values(self, indices: Any) -> Array:
-        return np.column_stack([values[indices[:, j]] for j, values in enumerate(self.levels)])
 
     def _canonical(self, x: ArrayLike, reference: ArrayLike, disturbance: ArrayLike | None) -> tuple[Array, Array, Any]:
         """Arguments in the one form the core takes, or a ValueError."""
@@ -794,18 +531,13 @@ class Controller:
     def _history(self) -> Array:
         """Commands issued, oldest first, shape (pending_steps + 1, m)."""
         line = np.frombuffer(self._core.line(), dtype=np.uint8)
-        return self._values(line.reshape(-1, self.plant.inputs))
+        return self._actuator.values(line.reshape(-1, self.plant.inputs))
 
     def __reduce__(self) -> Any:
         return _rebuild, (self._arguments, self._core.save())
 
     def __repr__(self) -> str:
-        o = self.objective
-        degrees = ", ".join(map(str, self.relative_degree))
-        if isinstance(o, Endpoint):
-            lines = [f"objective  Endpoint(Td={o.Td}, lam={o.lam!r}, tail={o.tail!r}), relative degree {degrees}"]
-        else:
-            lines = [f"objective  Horizon({o.steps}, moves={o.moves or o.steps}, tail={o.tail!r}), degree {degrees}"]
+        lines = [f"objective  {self._law}"]
         for name, levels, delay in zip(self.plant.input_names, self.levels, self._model.delay, strict=True):
             text = ", ".join(f"{v:g}" for v in levels)
             lines.append(f"input {name:<4} levels {text} every {self.Ts:g} s, {delay} periods under way")
@@ -818,28 +550,12 @@ class Controller:
         if self.kalman:
             slowest = abs(self.kalman.poles[0])
             lines.append(f"estimator  Kalman, {self.kalman.loads} load(s), slowest pole {slowest:.4g}")
-        known = f"lag {lag} s, DC gain {gain}, " if isinstance(o, Endpoint) else ""
+        known = f"lag {lag} s, DC gain {gain}, " if isinstance(self.objective, Endpoint) else ""
         lines.append(f"loop       {known}{self.real}")
         return tree("Controller", lines)
 
 
 STATUSES = tuple(Status)
-#: What core/horizon.h names so, in the order of the binding.
-TABLES = (
-    "F", "G", "S", "root_weight", "T", "move_weight", "lift", "lift_centre", "last_value", "hull", "value", "effect",
-    "gain", "gain_previous", "pull", "place", "from_place", "metric", "from_metric", "switch_cost",
-)  # fmt: skip
-
-
-def _reals(real: type[np.floating[Any]], values: ArrayLike) -> np.ndarray[Any, Any]:
-    return np.ascontiguousarray(values, dtype=real).ravel()
-
-
-def _products(pending: Sequence[Array], levels: Sequence[Array]) -> Array:
-    """Each pending command's effect, looked up by its level: per input (pending, levels, rows), one after the other."""
-    each = [w[:, None, :] * v[None, :, None] for w, v in zip(pending, levels, strict=True)]
-    result: Array = np.concatenate([np.ravel(item) for item in each])
-    return result
 
 
 def _rebuild(arguments: dict[str, Any], state: bytes) -> Controller:

@@ -7,6 +7,7 @@ evaluation: z then holds those too, and the first ``lead`` steps weigh nothing.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,7 +48,7 @@ class HorizonModel:
     state: Array
     start_disturbance: Array
     start: Array
-    pending: list[Array]
+    pending: Sequence[Array]
     lead: int
     waiting: list[int]
 

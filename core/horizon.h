@@ -17,14 +17,14 @@
 #define FSW_HORIZON_CANDIDATES 64 /* at most 255 */
 #endif
 #ifndef FSW_RECORDS
-#define FSW_RECORDS 16 /* at most 127: visited nodes remembered per depth, for the dominance test; 0: none, less memory */
+#define FSW_RECORDS 16 /* at most 127: visited nodes per depth, for the dominance test; 0: none, less memory */
 #endif
 
 /* ---- Design ---- */
 
 /* z[k] is the state k periods after the first move's first effect, the dead time removed; inputs that act earlier than
- * the slowest keep their moves waiting in it. Split into the free response (all moves zero, tail and drift included) and
- * what the moves add, x,
+ * the slowest keep their moves waiting in it. Split into the free response (all moves zero, tail and drift included)
+ * and what the moves add, x,
  *
  *     x[k+1] = F x[k] + G u[k],   x[0] = 0,   s[k] = S x[k] + e[k],   e = S z_free - s_d      k = 1..steps
  *     J = sum |s|^2 + sum (u[k] - u[k-1])' R (u[k] - u[k-1]) + switch cost + |T (z[steps] - z_T)|^2
@@ -57,13 +57,13 @@ typedef struct fsw_horizon {
     uint16_t steps, moves; /* moves <= steps */
     uint16_t states, inputs, outputs, candidates;
     uint16_t disturbances;
-    uint16_t order;      /* derivatives in a reference, the value included */
-    uint16_t lead;       /* steps before the first evaluation; the reference has steps - lead instants */
-    uint16_t terminal;   /* rows of T */
-    uint8_t tail;        /* fsw_tail: what the inputs do after the moves */
+    uint16_t order;    /* derivatives in a reference, the value included */
+    uint16_t lead;     /* steps before the first evaluation; the reference has steps - lead instants */
+    uint16_t terminal; /* rows of T */
+    uint8_t tail;      /* fsw_tail: what the inputs do after the moves */
     uint8_t exclusive; /* there is dwell or a switch cost: only nodes with the same last move are compared */
-    uint8_t dominance; /* compare with visited nodes: pays from some 1e9 sequences on */
-    uint32_t patience;    /* nodes before prices are tried */
+    uint8_t dominance; /* compare with visited nodes: pays from 1e9 sequences on, or 1e12 of two or three candidates */
+    uint32_t patience; /* nodes before prices are tried */
     uint32_t node_budget; /* nodes after which the best sequence so far is taken */
 
     /* z[1] of the free response, and what each step adds to it */
@@ -80,7 +80,7 @@ typedef struct fsw_horizon {
     const fsw_real *terminal_reference;   /* [terminal][outputs] */
     const fsw_real *terminal_disturbance; /* [terminal][disturbances] */
     const fsw_real *terminal_offset;      /* [terminal] */
-    fsw_real far;      /* cost above V_0 that rounding alone cannot reach: prices are tried at once */
+    fsw_real far; /* cost above V_0 that rounding alone cannot reach: prices are tried at once */
 
     const fsw_real *F;             /* [states][states] */
     const fsw_real *G;             /* [states][inputs] */
@@ -111,13 +111,13 @@ typedef struct fsw_horizon {
 #define FSW_SPAN (FSW_HORIZON_STATES + FSW_MAX_INPUTS) /* x and the previous move */
 
 typedef struct {
-    fsw_real target[FSW_MAX_MOVES][FSW_MAX_INPUTS];      /* t */
+    fsw_real target[FSW_MAX_MOVES][FSW_MAX_INPUTS];          /* t */
     fsw_real penalty[FSW_MAX_MOVES][FSW_HORIZON_CANDIDATES]; /* price q of each candidate, as added back */
-    fsw_real error[FSW_MAX_STEPS][FSW_MAX_OUTPUTS];      /* e, weighted */
-    fsw_real last[FSW_SPAN];                             /* p after the last move */
-    fsw_real end[FSW_HORIZON_STATES];                    /* z_free at the end, */
-    fsw_real aim[FSW_HORIZON_STATES];                    /* and T z_rest */
-    uint8_t priced;                                      /* penalty is in force */
+    fsw_real error[FSW_MAX_STEPS][FSW_MAX_OUTPUTS];          /* e, weighted */
+    fsw_real last[FSW_SPAN];                                 /* p after the last move */
+    fsw_real end[FSW_HORIZON_STATES];                        /* z_free at the end, */
+    fsw_real aim[FSW_HORIZON_STATES];                        /* and T z_rest */
+    uint8_t priced;                                          /* penalty is in force */
     union {
         struct { /* depth-first search, per depth */
             fsw_real x[FSW_MAX_MOVES][FSW_HORIZON_STATES];
@@ -145,10 +145,10 @@ typedef struct {
 } fsw_horizon_scratch;
 
 typedef struct {
-    fsw_real excess;  /* cost of scratch.best above the real-valued bound V_0 */
-    fsw_real gap;     /* cost of scratch.best above the best proven bound; 0: optimal */
-    uint32_t nodes;   /* partial sequences whose bound was computed */
-    uint8_t found;    /* 0: no candidate respects the waits given; best is not set */
+    fsw_real excess; /* cost of scratch.best above the real-valued bound V_0 */
+    fsw_real gap;    /* cost of scratch.best above the best proven bound; 0: optimal */
+    uint32_t nodes;  /* partial sequences whose bound was computed */
+    uint8_t found;   /* 0: no candidate respects the waits given; best is not set */
     uint8_t optimal;
 } fsw_horizon_answer;
 

@@ -107,8 +107,9 @@ def horizon_model(plant: Plant, Ts: float) -> HorizonModel:
 ZERO_PIVOT = 1e-11
 #: Weight of the pivots' product against the lift's own gain, in typical pivots.
 CENTRING = 0.3
-#: Comparing nodes pays from this many sequences on, as a power of ten.
-MANY = 9
+#: Comparing nodes pays from this many sequences on, as powers of ten: with few candidates a node costs less than to
+#: compare it.
+FEW, MANY_OF_FEW, MANY = 3, 12, 9
 #: Nodes per move before prices are tried, and costs above the largest that rounding leaves at which they are at once.
 PATIENCE, FAR = 50, 40
 #: Keeps a decaying state out of the denormal numbers, which are slow.
@@ -216,7 +217,7 @@ def horizon_tables(
         "from_metric": np.einsum("kij,cj->kci", metric[:, :, n:], values),
         "switch_cost": change if change.any() else None,
     }  # fmt: skip
-    dominance = moves * np.log10(len(values)) >= MANY
+    dominance = moves * np.log10(len(values)) >= (MANY_OF_FEW if len(values) <= FEW else MANY)
     limit = FAR * m * far + moves * float(change.max(initial=0.0))
     return HorizonTables(arrays, bool(change.any()), bool(dominance), PATIENCE * moves, limit)
 

@@ -48,6 +48,15 @@ static fsw_validity check_horizon(const fsw_design *d)
         h->disturbances != d->disturbances || h->moves == 0 || h->moves > h->steps || h->lead >= h->steps ||
         h->tail > FSW_TAIL_HOLD || (h->tail == FSW_TAIL_REST && !d->rest_reference))
         return FSW_INCONSISTENT;
+#ifdef FSW_FIXED
+    if (h->states != FSW_HORIZON_STATES || h->candidates != FSW_HORIZON_CANDIDATES || d->inputs != FSW_MAX_INPUTS ||
+        d->outputs != FSW_MAX_OUTPUTS)
+        return FSW_INCONSISTENT;
+#endif
+    for (uint32_t i = 0; i < (uint32_t)d->candidates * d->inputs; i++)
+        if (h->level[i] != d->candidate[i] || (h->dwell && h->dwell[i] == 0)) return FSW_INCONSISTENT;
+    for (uint32_t i = 0; i < (uint32_t)h->lead * d->outputs; i++)
+        if (h->root_weight[i] > 0) return FSW_INCONSISTENT; /* there is no reference for it */
     return FSW_VALID;
 }
 #endif
@@ -452,6 +461,7 @@ static fsw_decision plan(const fsw_design *d, fsw_state *s, const fsw_real *x, c
     for (natural j = 0; j < m; j++, levels += d->level_count[j - 1])
         tail[j] = h->tail == FSW_TAIL_REST ? clipped_rest(d, q, j, final, w, levels) : 0;
     const natural from = find(d, present);
+    for (natural c = 0; costs && c < C; c++) costs[c] = infinity();
     if (from == C || !usable(z, n)) return decision;
 
     fsw_horizon_prepare(h, &s->scratch, z, reference, w, tail);
@@ -459,14 +469,14 @@ static fsw_decision plan(const fsw_design *d, fsw_state *s, const fsw_real *x, c
         for (natural c = 0; c < C; c++) {
             const fsw_horizon_answer answer =
                 fsw_horizon_search(h, &s->scratch, (uint8_t)from, s->wait, 0, (uint8_t)c, h->node_budget);
-            costs[c] = answer.found ? fsw_horizon_cost(h, &s->scratch, (uint8_t)from, s->scratch.best) : infinity();
+            if (answer.found) costs[c] = fsw_horizon_cost(h, &s->scratch, (uint8_t)from, s->scratch.best);
         }
         fsw_horizon_prepare(h, &s->scratch, z, reference, w, tail);
     }
     uint8_t warm[FSW_MAX_MOVES];
     for (natural k = 0; k < h->moves; k++) warm[k] = s->plan[k + 1u < h->moves ? k + 1u : k];
-    const fsw_horizon_answer answer = fsw_horizon_search(h, &s->scratch, (uint8_t)from, s->wait,
-                                                         s->planned ? warm : 0, (uint8_t)C, h->node_budget);
+    const fsw_horizon_answer answer =
+        fsw_horizon_search(h, &s->scratch, (uint8_t)from, s->wait, s->planned ? warm : 0, (uint8_t)C, h->node_budget);
     decision.nodes = answer.nodes;
     if (!answer.found) return decision;
     decision.cost = fsw_horizon_cost(h, &s->scratch, (uint8_t)from, s->scratch.best);

@@ -3,6 +3,10 @@
 
 #if FSW_MAX_MOVES > 0
 
+#if FSW_HORIZON_CANDIDATES > 255 || FSW_RECORDS > 127
+#error "at most 255 FSW_HORIZON_CANDIDATES and 127 FSW_RECORDS: they are counted in bytes"
+#endif
+
 typedef uint_fast16_t natural;
 
 #if defined(__GNUC__) && !defined(__OPTIMIZE_SIZE__)
@@ -31,7 +35,7 @@ typedef uint_fast16_t natural;
 #endif
 #endif
 
-#define HUGE_COST ((fsw_real)1e30)
+#define HUGE_COST ((fsw_real)FSW_HUGE)
 #define FLOOR ((fsw_real)1e-25)      /* keeps a decaying state out of the denormal numbers, which are slow */
 #define PASSES 12                    /* of the active-set method, which may cycle */
 #define ZERO_PIVOT ((fsw_real)1e-12) /* relative, where an input has no effect of its own */
@@ -294,7 +298,8 @@ static void set_prices(const fsw_horizon *h, fsw_horizon_scratch *s, natural pre
     natural passes = PASSES;
     for (natural k = 0; k < h->moves; k++)
         for (natural j = 0; j < m; j++) s->u.hull.pinned[k][j] = 0;
-    while (pin(h, s, present) > 0 && --passes > 0) {}
+    while (pin(h, s, present) > 0 && --passes > 0) {
+    }
     pull_back(h, s, STATES(h), m, OUTPUTS(h), s->u.hull.slope);
     s->priced = 1;
     for (natural k = 0; k < h->moves; k++)
@@ -318,7 +323,7 @@ static void withdraw_prices(const fsw_horizon *h, fsw_horizon_scratch *s)
 #if FSW_RECORDS > 0
 /* Whether a node visited before at this depth makes the node x[k], reached by `from`, superfluous; else remember it. */
 INLINE int dominated(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural C, natural k,
-                     natural from, fsw_real bound, fsw_real cutoff)
+                     natural from, int timed, fsw_real bound, fsw_real cutoff)
 {
     const natural span = n + m, visits = s->u.tree.visits[k], kept = visits < FSW_RECORDS ? visits : FSW_RECORDS;
     const fsw_real room = cutoff - bound;
@@ -334,10 +339,10 @@ INLINE int dominated(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, na
             const fsw_real e = at[a] - s->u.tree.record[k][i].at[a];
             slack -= e * e;
         }
-        if (slack < 0 || (h->exclusive && s->u.tree.record[k][i].from != from)) continue;
+        if (slack < 0 || ((h->exclusive || timed) && s->u.tree.record[k][i].from != from)) continue;
         if (slack / room * slack < 4 * (better - slack)) continue; /* sqrt g_A - sqrt g_B >= D, without roots */
         natural j = 0;
-        while (j < m && (!h->dwell || s->u.tree.record[k][i].wait[j] <= s->u.tree.wait[k][j])) j++;
+        while (j < m && (!timed || s->u.tree.record[k][i].wait[j] <= s->u.tree.wait[k][j])) j++;
         if (j == m) return 1;
     }
     const natural slot = visits % FSW_RECORDS;
@@ -345,7 +350,7 @@ INLINE int dominated(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, na
     for (natural a = 0; a < span; a++) s->u.tree.record[k][slot].at[a] = at[a];
     s->u.tree.record[k][slot].bound = bound;
     s->u.tree.record[k][slot].from = (uint8_t)from;
-    for (natural j = 0; h->dwell && j < m; j++) s->u.tree.record[k][slot].wait[j] = s->u.tree.wait[k][j];
+    for (natural j = 0; timed && j < m; j++) s->u.tree.record[k][slot].wait[j] = s->u.tree.wait[k][j];
     return 0;
 }
 #endif
@@ -354,7 +359,7 @@ INLINE int dominated(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, na
 
 INLINE int allowed(const fsw_horizon *h, const fsw_horizon_scratch *s, natural m, natural k, natural from, natural c)
 {
-    for (natural j = 0; h->dwell && j < m; j++)
+    for (natural j = 0; j < m; j++)
         if (s->u.tree.wait[k][j] > 0 && h->level[c * m + j] != h->level[from * m + j]) return 0;
     return 1;
 }
@@ -362,7 +367,7 @@ INLINE int allowed(const fsw_horizon *h, const fsw_horizon_scratch *s, natural m
 /* List the children of the node at depth k that can still beat the incumbent, best first; of the last of
  * several moves only the best. */
 INLINE void expand(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural C, natural k,
-                   natural from, fsw_real base, fsw_real cutoff)
+                   natural from, int timed, fsw_real base, fsw_real cutoff)
 {
     const fsw_real *place = h->place + k * C * m, *penalty = s->priced ? s->penalty[k] : 0;
     fsw_real w[FSW_MAX_INPUTS], *bound = s->u.tree.bound[k];
@@ -379,7 +384,7 @@ INLINE void expand(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natu
             b += e * e;
         }
         if (h->switch_cost) b += h->switch_cost[from * C + c];
-        if (!(b < cutoff) || (h->dwell && !allowed(h, s, m, k, from, c))) continue;
+        if (!(b < cutoff) || (timed && !allowed(h, s, m, k, from, c))) continue;
         natural i = count++;
         for (; i > 0 && bound[i - 1] > b; i--) {
             bound[i] = bound[i - 1];
@@ -407,35 +412,36 @@ INLINE void root(fsw_horizon_scratch *s, natural n, natural m, natural moves, co
 
 /* State and waits at depth k + 1, by candidate c after candidate `from`. */
 INLINE void descend(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural k, natural from,
-                    natural c)
+                    natural c, int timed)
 {
     for (natural i = 0; i < n; i++)
         s->u.tree.x[k + 1][i] = product(h->effect[c * n + i], h->F + i * n, s->u.tree.x[k], n);
-    for (natural j = 0; h->dwell && j < m; j++) {
-        const uint16_t left = s->u.tree.wait[k][j];
+    for (natural j = 0; timed && j < m; j++) {
+        const uint16_t left = s->u.tree.wait[k][j], stay = h->dwell ? h->dwell[c * m + j] : 1;
         s->u.tree.wait[k + 1][j] =
-            (uint16_t)(h->level[c * m + j] != h->level[from * m + j] ? h->dwell[c * m + j] - 1 : left - (left > 0));
+            (uint16_t)(h->level[c * m + j] != h->level[from * m + j] ? stay - 1 : left - (left > 0));
     }
 }
 
 /* Cost above V_0 of a whole sequence; HUGE_COST if it breaks a dwell or there is none. */
 INLINE fsw_real follow(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural C, natural present,
-                       const uint8_t *sequence)
+                       int timed, const uint8_t *sequence)
 {
     fsw_real cost = 0;
     natural from = present;
     for (natural k = 0; k < h->moves; k++) {
         const natural c = sequence[k];
-        if (c >= C || (h->dwell && !allowed(h, s, m, k, from, c))) return HUGE_COST;
+        if (c >= C || (timed && !allowed(h, s, m, k, from, c))) return HUGE_COST;
         if (s->priced) cost += s->penalty[k][c];
         if (h->switch_cost) cost += h->switch_cost[from * C + c];
         for (natural a = 0; a < m; a++) {
             const natural row = (k * C + c) * m + a;
             const fsw_real e = product(s->target[k][a] + h->from_place[(k * C + from) * m + a],
-                                       h->gain + (k * m + a) * n, s->u.tree.x[k], n) - h->place[row];
+                                       h->gain + (k * m + a) * n, s->u.tree.x[k], n) -
+                               h->place[row];
             cost += e * e;
         }
-        if (k + 1u < h->moves) descend(h, s, n, m, k, from, c);
+        if (k + 1u < h->moves) descend(h, s, n, m, k, from, c, timed);
         from = c;
     }
     return cost;
@@ -466,13 +472,15 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
 {
     const natural last = h->moves - 1u;
     fsw_horizon_answer answer = {HUGE_COST, 0, 0, 0, 0};
+    int timed = h->dwell != 0; /* without any, a dwell may still have been given to start with */
+    for (natural j = 0; j < m; j++) timed |= wait[j] > 0;
     uint32_t pause = h->patience < budget ? h->patience : budget;
     enum { RESTART, EXPAND, BACKTRACK } next = RESTART;
     fsw_real bound = 0; /* costs and bounds are above V_0, which changes with the prices */
     natural k = 0, c = present;
     if (warm) {
         root(s, n, m, h->moves, wait);
-        answer.excess = follow(h, s, n, m, C, present, warm);
+        answer.excess = follow(h, s, n, m, C, present, timed, warm);
         answer.nodes = h->moves;
         answer.found = answer.excess < HUGE_COST;
         for (natural i = 0; answer.found && i <= last; i++) s->best[i] = warm[i];
@@ -485,7 +493,7 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
             c = present;
         }
         if (next != BACKTRACK) {
-            expand(h, s, n, m, C, k, c, bound, answer.excess);
+            expand(h, s, n, m, C, k, c, timed, bound, answer.excess);
             answer.nodes += (uint32_t)C;
             if (first < C && k == 0) keep_only(s, first);
         }
@@ -503,9 +511,9 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
                 const fsw_real plain = answer.excess;
                 set_prices(h, s, present);
                 root(s, n, m, h->moves, wait);
-                answer.excess = follow(h, s, n, m, C, present, s->best);
+                answer.excess = follow(h, s, n, m, C, present, timed, s->best);
                 answer.nodes += h->moves;
-                if (answer.excess > plain) { /* they did not converge, and the bound is worse than without them */
+                if (!(answer.excess <= plain)) { /* worse than without them, or NaN: they did not converge */
                     withdraw_prices(h, s);
                     answer.excess = plain;
                 }
@@ -519,10 +527,10 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
         s->u.tree.next[k]++;
         s->u.tree.path[k] = (uint8_t)c;
         if (k < last) {
-            descend(h, s, n, m, k, from, c);
+            descend(h, s, n, m, k, from, c, timed);
             k++;
 #if FSW_RECORDS > 0
-            if (h->dominance && k > 1 && k < last && dominated(h, s, n, m, C, k, c, bound, answer.excess)) {
+            if (h->dominance && k > 1 && k < last && dominated(h, s, n, m, C, k, c, timed, bound, answer.excess)) {
                 k--;
                 continue;
             }
@@ -541,8 +549,7 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
 }
 
 fsw_horizon_answer fsw_horizon_search(const fsw_horizon *h, fsw_horizon_scratch *s, uint8_t present,
-                                      const uint32_t *wait, const uint8_t *warm, uint8_t first,
-                                      uint32_t node_budget)
+                                      const uint32_t *wait, const uint8_t *warm, uint8_t first, uint32_t node_budget)
 {
 #if COPIES
     if (h->states == 2 && h->inputs == 1) {

@@ -67,7 +67,7 @@ class Decision:
     costs : ndarray, shape (p,)
         Their predicted costs, infinite where a running dwell forbids one.
     sequence : ndarray, shape (moves, m)
-        The planned commands, the first of them ``u``.
+        The planned commands, the first of them ``u``; that one alone where nothing was planned.
     nodes : int
         Candidates evaluated.
     optimal : bool
@@ -474,16 +474,16 @@ class Controller:
         elif candidate < len(costs):
             chosen = self._actuator.candidates[candidate]
         u = self._actuator.values(chosen[None, :])
-        evaluated = nodes > 0
-        sequence = self._core.sequence() if evaluated else None
+        decided = candidate < len(costs)
+        sequence = self._core.sequence() if decided else None
         plan = (
             u
             if sequence is None
             else self._actuator.values(self._actuator.candidates[np.frombuffer(sequence, dtype=np.uint8)])
         )
         return Decision(
-            u[0], cost, self._actuator.values(self._actuator.candidates), costs, plan, nodes, evaluated and gap == 0.0,
-            gap if evaluated else np.inf, Status(status),
+            u[0], cost, self._actuator.values(self._actuator.candidates), costs, plan, nodes, decided and gap == 0.0,
+            gap if decided else np.inf, Status(status),
         )  # fmt: skip
 
     def _canonical(self, x: ArrayLike, reference: ArrayLike, disturbance: ArrayLike | None) -> tuple[Array, Array, Any]:

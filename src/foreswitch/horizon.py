@@ -285,11 +285,14 @@ def _lift(H: Array, two: np.ndarray[Any, np.dtype[np.bool_]]) -> Array:
 def riccati_terminal(F: Array, G: Array, S: Array, weight: Array, move_weight: Array) -> Array:
     """A root T of the cost beyond the horizon of the unconstrained law, (rows, N), in deviation from rest.
 
-    The moves' weight counts for the input's deviation too: without one the equation has no solution for plants whose
-    outputs the input reaches at once.
+    The last evaluation is the horizon's own: what counts here starts one period after it. The moves' weight counts for
+    the input's deviation too: without one the equation has no solution for plants whose outputs the input reaches at
+    once.
     """
     P = solve_discrete_are(F, G, S.T @ (weight[:, None] * S), np.diag(move_weight))
-    values, vectors = np.linalg.eigh((P + P.T) / 2.0)
+    K = np.linalg.solve(np.diag(move_weight) + G.T @ P @ G, G.T @ P @ F)
+    closed = F - G @ K
+    values, vectors = np.linalg.eigh(closed.T @ P @ closed + K.T @ np.diag(move_weight) @ K)
     keep = values > 1e-12 * values.max(initial=1e-300)
     root: Array = np.sqrt(values[keep])[:, None] * vectors[:, keep].T
     return root

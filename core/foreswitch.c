@@ -443,20 +443,39 @@ static natural find(const fsw_design *d, const uint8_t *command)
     return c;
 }
 
+/* The horizon's state at the end of its first step, moves left out. */
+INLINE void arrive(const fsw_design *d, const fsw_state *s, natural n, natural m, const fsw_real *x, const fsw_real *w,
+                   fsw_real *z)
+{
+    const fsw_horizon *h = d->horizon;
+    const natural p = d->disturbances;
+    for (natural i = 0; i < n; i++) {
+        z[i] = product(h->start_offset[i], h->start_row + i * d->states, x, d->states);
+        z[i] = product(z[i], h->start_disturbance + i * p, w, p);
+    }
+    const fsw_real *effect = h->pending_table;
+    for (natural j = 0; j < m; j++) {
+        natural at = s->head * m + j;
+        for (natural age = d->pending[j]; age > 0; age--, effect += d->level_count[j] * n) {
+            at = (at < m ? at + d->rows * m : at) - m;
+            for (natural i = 0; i < n; i++) z[i] += effect[s->line[at] * n + i];
+        }
+    }
+}
+
 /* The best first move, its whole sequence left in scratch.best. costs [candidates], if given, receives the cost of the
  * best sequence that begins with each candidate. */
 static fsw_decision plan(const fsw_design *d, fsw_state *s, const fsw_real *x, const fsw_real *reference,
                          const fsw_real *w, const uint8_t *present, fsw_real *costs)
 {
     const fsw_horizon *h = d->horizon;
-    const natural n = h->states, m = d->inputs, q = d->outputs, C = d->candidates, p = d->disturbances;
+    const natural n = h->states, m = d->inputs, q = d->outputs, C = d->candidates;
     fsw_decision decision = {FSW_HELD, (uint16_t)C, 0, 0, 0};
     fsw_real z[FSW_HORIZON_STATES], tail[FSW_MAX_INPUTS];
-    for (natural i = 0; i < n; i++) {
-        fsw_real sum = product(h->start_offset[i], h->start_row + i * d->states, x, d->states);
-        sum = product(sum, h->start_disturbance + i * p, w, p);
-        z[i] = pending(d, s, m, n, h->pending_table + i, sum);
-    }
+    if (SINGLE(d) && n == 2)
+        arrive(d, s, 2, 1, x, w, z);
+    else
+        arrive(d, s, n, m, x, w, z);
     const fsw_real *levels = d->levels, *final = reference + (h->steps - h->lead - 1u) * q * d->order;
     for (natural j = 0; j < m; j++, levels += d->level_count[j - 1])
         tail[j] = h->tail == FSW_TAIL_REST ? clipped_rest(d, q, j, final, w, levels) : 0;

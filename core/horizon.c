@@ -399,14 +399,14 @@ INLINE void expand(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natu
 
 /* ---- Search ---- */
 
-INLINE void root(fsw_horizon_scratch *s, natural n, natural m, natural moves, const uint32_t *wait)
+INLINE void root(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, const uint32_t *wait)
 {
     for (natural i = 0; i < n; i++) s->u.tree.x[0][i] = 0;
     for (natural j = 0; j < m; j++) s->u.tree.wait[0][j] = (uint16_t)(wait[j] < UINT16_MAX ? wait[j] : UINT16_MAX);
 #if FSW_RECORDS > 0
-    for (natural k = 0; k < moves; k++) s->u.tree.visits[k] = 0;
+    for (natural k = 0; h->dominance && k < h->moves; k++) s->u.tree.visits[k] = 0;
 #else
-    (void)moves;
+    (void)h;
 #endif
 }
 
@@ -478,8 +478,8 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
     enum { RESTART, EXPAND, BACKTRACK } next = RESTART;
     fsw_real bound = 0; /* costs and bounds are above V_0, which changes with the prices */
     natural k = 0, c = present;
-    if (warm) {
-        root(s, n, m, h->moves, wait);
+    if (warm && last > 1) { /* else the first descent is as good */
+        root(h, s, n, m, wait);
         answer.excess = follow(h, s, n, m, C, present, timed, warm);
         answer.nodes = h->moves;
         answer.found = answer.excess < HUGE_COST;
@@ -487,7 +487,7 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
     }
     for (;;) {
         if (next == RESTART) {
-            root(s, n, m, h->moves, wait);
+            root(h, s, n, m, wait);
             bound = 0;
             k = 0;
             c = present;
@@ -510,7 +510,7 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
             if (leaves_hull(h, s, present)) {
                 const fsw_real plain = answer.excess;
                 set_prices(h, s, present);
-                root(s, n, m, h->moves, wait);
+                root(h, s, n, m, wait);
                 answer.excess = follow(h, s, n, m, C, present, timed, s->best);
                 answer.nodes += h->moves;
                 if (!(answer.excess <= plain)) { /* worse than without them, or NaN: they did not converge */
@@ -562,9 +562,10 @@ fsw_horizon_answer fsw_horizon_search(const fsw_horizon *h, fsw_horizon_scratch 
 
 /* ---- Cost ---- */
 
-fsw_real fsw_horizon_cost(const fsw_horizon *h, const fsw_horizon_scratch *s, uint8_t present, const uint8_t *sequence)
+INLINE fsw_real cost_of(const fsw_horizon *h, const fsw_horizon_scratch *s, natural n, natural m, natural q, natural C,
+                        uint8_t present, const uint8_t *sequence)
 {
-    const natural n = STATES(h), m = INPUTS(h), q = OUTPUTS(h), C = CANDIDATES(h), hold = h->tail == FSW_TAIL_HOLD;
+    const natural hold = h->tail == FSW_TAIL_HOLD;
     fsw_real x[FSW_HORIZON_STATES], y[FSW_HORIZON_STATES], cost = 0;
     natural from = present;
     for (natural i = 0; i < n; i++) x[i] = 0;
@@ -590,6 +591,15 @@ fsw_real fsw_horizon_cost(const fsw_horizon *h, const fsw_horizon_scratch *s, ui
         cost += e * e;
     }
     return cost;
+}
+
+fsw_real fsw_horizon_cost(const fsw_horizon *h, const fsw_horizon_scratch *s, uint8_t present, const uint8_t *sequence)
+{
+#if COPIES
+    if (h->states == 2 && h->inputs == 1 && h->outputs == 1)
+        return cost_of(h, s, 2, 1, 1, h->candidates, present, sequence);
+#endif
+    return cost_of(h, s, STATES(h), INPUTS(h), OUTPUTS(h), CANDIDATES(h), present, sequence);
 }
 
 #else

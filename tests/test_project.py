@@ -3,13 +3,14 @@
 import copy
 import re
 import tomllib
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import foreswitch as fsw
-from foreswitch.project import EstimatorTable, HardwareTable, Project
+from foreswitch.project import ControllerTable, EstimatorTable, HardwareTable, Project
 
 HOT_GAS = Path(__file__).parents[1] / "examples/hot_gas/project.toml"
 
@@ -50,7 +51,8 @@ def test_every_optional_key_in_the_commented_file_is_accepted():
         if not line.startswith("# ") or "=" not in stripped or not stripped.split("=")[0].strip().isidentifier():
             continue
         key = stripped.split("=")[0].strip()
-        if key in ("kind", "file", "time", "value", "forbidden"):  # another kind of reference; several inputs
+        # another kind of reference or objective; several inputs
+        if key in ("kind", "file", "time", "value", "forbidden", "objective", "steps"):
             continue
         Project(tomllib.loads(text.replace(line, stripped)))
 
@@ -61,7 +63,7 @@ def test_every_optional_key_in_the_commented_file_is_accepted():
         ("plant.kk", 3, "[plant] has an unknown key 'kk'; did you mean 'k'?"),
         ("controler", {}, "unknown table 'controler'; did you mean 'controller'?"),
         ("controller.Td", None, "[controller] has no key 'Td'"),
-        ("controller.Td", "x", "controller.Td is 'x'; it holds: settling horizon"),
+        ("controller.Td", "x", "controller.Td is 'x'; it holds: endpoint: settling horizon"),
         ("controller.Td", 1e-4, "Td is 0.0001; it must be at least one switching period"),
         ("controller.preview", "lagg", "controller.preview is 'lagg'"),
         ("actuator.levels", "a", "actuator.levels is 'a'"),
@@ -221,6 +223,96 @@ def test_a_fault_of_an_input_that_is_not_there_is_named_when_it_runs(content):
     project = Project(changed(content, "simulation.hardware", {"stuck": [{"level": 1.0, "input": 1}]}))
     with pytest.raises(ValueError, match="stuck names input 1; give 0 to 0"):
         project.simulate()
+
+
+# Horizons -------------------------------------------------------------------------------------------------------------
+
+HORIZON = {
+    "steps": 12, "lam": 2500.0, "move_weight": 5.0, "window": [2, 9], "moves": 7, "tail": "rest", "terminal": "riccati",
+    "node_budget": 300, "weight": 2.0, "relative_degree": 2,
+}  # fmt: skip
+
+
+def of_horizon(content, **keys):
+    return changed(content, "controller", {"objective": "horizon", "preview": True} | keys)
+
+
+def test_every_key_of_a_horizon_reaches_it(content):
+    needed, optional = ControllerTable.USES["horizon"]
+    assert {*needed, *optional} == set(HORIZON) == {field.name for field in fields(fsw.Horizon)}
+    project = Project(of_horizon(content, **HORIZON))
+    expected = fsw.Horizon(**HORIZON)
+    assert project.controller.objective == expected
+    law = fsw.Controller(project.plant, [0, 1], 1e-3, expected, preview=True)
+    np.testing.assert_array_equal(project.simulate().u, fsw.simulate(law, project.reference, 0.6).u)
+    assert Project(of_horizon(content, steps=3)).controller.objective == fsw.Horizon(3)
+    matrix = [[2.0, 0.0], [0.0, 1e-6]]
+    assert Project(of_horizon(content, steps=3, terminal=matrix)).controller.objective.terminal == matrix
+    assert project.build_controller(steps=4, window=None, moves=None).evaluations == 4
+
+
+def test_an_endpoint_is_what_a_file_without_objective_means(content):
+    given = Project(changed(content, "controller.objective", "endpoint"))
+    assert given.controller.objective == Project(content).controller.objective == fsw.Endpoint(0.020, 2500.0)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({}, "[controller] has no key 'steps', which objective = 'horizon' needs; add it"),
+        (
+            {"steps": 5, "Td": 0.02},
+            "[controller] has key 'Td', which objective = 'horizon' does not use; remove it, or ",
+        ),
+        ({"steps": 0}, "steps is 0; give a whole number from 1 to 64"),
+        ({"steps": 65}, "steps is 65; give a whole number from 1 to 64"),
+        ({"steps": 5.5}, "controller.steps is 5.5; it holds: horizon: periods"),
+        ({"steps": 5, "window": [3, 2]}, "window is 2; give a whole number from 3 to 5"),
+        ({"steps": 5, "window": 3}, "controller.window is 3; it holds: horizon: first and last"),
+        ({"steps": 5, "moves": 6}, "moves is 6; give a whole number from 1 to 5"),
+        ({"steps": 5, "move_weight": -1.0}, "move_weight is -1.0; it must be at least 0"),
+        ({"steps": 5, "tail": "held"}, "controller.tail is 'held'; give 'rest', 'zero' or 'hold'"),
+        ({"steps": 5, "terminal": "ricatti"}, "controller.terminal is 'ricatti'; give"),
+        ({"steps": 5, "node_budget": 0}, "node_budget is 0; give a whole number"),
+        ({"steps": 5, "nodebudget": 3}, "[controller] has an unknown key 'nodebudget'; did you mean 'node_budget'?"),
+        ({"steps": 5, "preview": "lag"}, "preview is 'lag'; a Horizon takes False, True or seconds"),
+        ({"objective": "horizn", "steps": 5}, "controller.objective is 'horizn'; give 'endpoint' or 'horizon'"),
+        ({"objective": "endpoint", "Td": 0.02, "lam": 1.0, "tail": "hold"}, "tail is 'hold'; known are rest, zero"),
+        (
+            {"objective": "endpoint", "Td": 0.02, "lam": 1.0, "steps": 5},
+            "[controller] has key 'steps', which objective = 'endpoint' does not use; remove it, or give objective = "
+            "'horizon'",
+        ),
+    ],
+)
+def test_a_mistake_in_a_horizon_is_one_sentence(content, keys, words):
+    with pytest.raises(ValueError, match=r".") as caught:
+        Project(of_horizon(content, **keys))
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_steps_without_objective_say_what_is_missing(content):
+    table = {"steps": 20, "preview": True}
+    with pytest.raises(ValueError, match="'steps', which objective = 'endpoint' does not use; remove it, or give obj"):
+        Project(changed(content, "controller", table))
+
+
+def test_an_objective_may_be_given_in_place_of_the_files(content):
+    project = Project(content)
+    law = project.build_controller(objective=fsw.Horizon(3), preview=True, min_on=0.002)
+    assert (law.evaluations, law.objective) == (3, fsw.Horizon(3))
+    with pytest.raises(ValueError, match="objective is 'horizon'; give an Endpoint or a Horizon"):
+        project.build_controller(objective="horizon")
+    with pytest.raises(ValueError, match="'lam' is given beside an objective; put it into that"):
+        project.build_controller(objective=fsw.Horizon(3), lam=3.0)
+
+
+def test_a_horizon_estimates_its_state_from_outputs(content):
+    content = changed(of_horizon(content, steps=8), "estimator", ESTIMATOR)
+    run = Project(changed(changed(content, "simulation.seed", 1), "simulation.noise", 2.0)).simulate()
+    assert run.x_hat is not None
+    assert run.metrics()["rms_error"] < 6.0
 
 
 # [estimator] ----------------------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from foreswitch.controller import Controller
 from foreswitch.estimator import Kalman
 from foreswitch.hardware import Hardware, Stuck
 from foreswitch.loop import Law, simulate
-from foreswitch.objective import Endpoint
+from foreswitch.objective import Endpoint, Horizon
 from foreswitch.plant import Plant
 from foreswitch.reference import HalfSine, Ramp, Reference, Samples, Sine, Stack, Steps, sample
 from foreswitch.run import Run
@@ -54,14 +54,15 @@ class Choice(Table):
         """The keys that go with the choice."""
         choice = getattr(self, self.BY)
         needed, optional = self.USES[choice]
-        for name in needed:
-            if getattr(self, name) is None:
-                raise ValueError(f"[{table}] has no key {name!r}, which {self.BY} = {choice!r} needs; add it")
+        missing = [name for name in needed if getattr(self, name) is None]
         surplus = self.model_fields_set - {self.BY, *needed, *optional, *self.ALWAYS}
+        if missing and (self.BY in self.model_fields_set or not surplus):
+            raise ValueError(f"[{table}] has no key {missing[0]!r}, which {self.BY} = {choice!r} needs; add it")
         if surplus:
-            raise ValueError(
-                f"[{table}] has key {min(surplus)!r}, which {self.BY} = {choice!r} does not use; remove it"
-            )
+            key = min(surplus)
+            others = [other for other, (must, may) in self.USES.items() if key in (*must, *may)]
+            remedy = f"remove it, or give {self.BY} = {others[0]!r}" if len(others) == 1 else "remove it"
+            raise ValueError(f"[{table}] has key {key!r}, which {self.BY} = {choice!r} does not use; {remedy}")
         return self.given(*needed, *optional)
 
 
@@ -120,19 +121,61 @@ class ActuatorTable(Table):
     safe_level: float | Vector | None = Key(None, description="commanded after bad_limit bad samples; default never")
 
 
-class ControllerTable(Table):
+class ControllerTable(Choice):
     """[controller]"""
 
-    Td: float = Key(description="settling horizon after the dead time [s], at least Ts")
-    lam: float | Vector = Key(description="bandwidth of the sliding variable [rad/s], one for all outputs or one each")
-    tail: Literal["rest", "zero"] = Key("rest", description="input assumed after the candidate")
+    BY = "objective"
+    USES = {
+        "endpoint": (("Td", "lam"), ("tail", "weight", "relative_degree")),
+        "horizon": (
+            ("steps",),
+            ("weight", "lam", "move_weight", "window", "moves", "tail", "terminal", "node_budget", "relative_degree"),
+        ),
+    }
+    ALWAYS = ("preview", "bad_limit", "real")
+
+    objective: Literal["endpoint", "horizon"] = Key(
+        "endpoint",
+        description="land at one instant, or follow over many periods; decides which of the next keys are used",
+    )
+    Td: float | None = Key(None, description="endpoint: settling horizon after the dead time [s], at least Ts")
+    steps: int | None = Key(None, description="horizon: periods looked at beyond the dead time, 1 to 64")
+    lam: float | Vector | None = Key(
+        None,
+        description="bandwidth of the sliding variable [rad/s], one for all outputs or one each; horizon: default none, "
+        "the error itself is weighed",
+    )
+    move_weight: float | Vector | None = Key(
+        None, description="horizon: price of an input's move, times its square; default 0"
+    )
+    window: list[int] | None = Key(
+        None, description="horizon: first and last period evaluated; default all, [1, steps]"
+    )
+    moves: int | None = Key(None, description="horizon: periods in which the commands are free; default all")
+    tail: Literal["rest", "zero", "hold"] | None = Key(
+        None,
+        description='input after the candidate or the moves; endpoint: default "rest", and no "hold"; horizon: default '
+        '"hold", the last move',
+    )
+    terminal: Literal["riccati"] | Matrix | None = Key(
+        None, description="horizon: cost of ending away from rest, or its matrix [x, squared]; default none"
+    )
+    node_budget: int | None = Key(
+        None, description="horizon: partial sequences after which the best so far is taken; default no limit"
+    )
     weight: float | Vector = Key(1.0, description="weight of each output")
     relative_degree: int | list[int] | None = Key(None, description="of each output; default found numerically")
     preview: bool | Literal["lag"] | float = Key(
-        False, description='reference sampled: false now, true at the evaluation instant, "lag", or seconds ahead'
+        False,
+        description='reference sampled: false now, true at the instants evaluated, "lag" (endpoint), or seconds ahead',
     )
     bad_limit: int = Key(10, description="bad measurements in a row that force the safe level")
     real: Literal["float64", "float32"] = Key("float64", description="arithmetic of the core")
+
+    def build(self) -> Endpoint | Horizon:
+        """The objective."""
+        arguments = self.arguments("controller")
+        return Endpoint(**arguments) if self.objective == "endpoint" else Horizon(**arguments)
 
 
 class EstimatorTable(Table):
@@ -365,21 +408,29 @@ class Project:
         Parameters
         ----------
         **changes
-            ``plant``, ``estimator``, any key of [actuator] or [controller].
+            ``plant``, ``estimator``, ``objective`` (an `Endpoint` or `Horizon`), any key of [actuator] or [controller].
 
         Returns
         -------
         Controller
         """
         actuator, controller, estimator = self.file.actuator, self.file.controller, self.file.estimator
-        settings = actuator.model_dump() | controller.model_dump() | {"plant": self.plant}
+        settings = actuator.model_dump() | controller.given(*controller.ALWAYS) | {"plant": self.plant}
         settings["estimator"] = Kalman(**estimator.model_dump()) if estimator else None
-        unknown = sorted(changes.keys() - settings.keys())
+        known = settings.keys() | ControllerTable.model_fields.keys()
+        unknown = sorted(changes.keys() - known)
         if unknown:
-            raise ValueError(f"{unknown[0]!r} is no setting of a controller; {nearest(unknown[0], settings)}")
-        settings |= changes
-        objective = {name: settings.pop(name) for name in ("Td", "lam", "tail", "weight", "relative_degree")}
-        return Controller(objective=Endpoint(**objective), **settings)
+            raise ValueError(f"{unknown[0]!r} is no setting of a controller; {nearest(unknown[0], known)}")
+        objective = changes.get("objective")
+        of_objective = {name: value for name, value in changes.items() if name not in settings and name != "objective"}
+        if objective is None:
+            objective = controller.model_copy(update=of_objective).build()
+        elif not isinstance(objective, (Endpoint, Horizon)):
+            raise ValueError(f"objective is {objective!r}; give an Endpoint or a Horizon")
+        elif of_objective:
+            raise ValueError(f"{min(of_objective)!r} is given beside an objective; put it into that")
+        own = {name: value for name, value in changes.items() if name in settings}
+        return Controller(**(settings | own | {"objective": objective}))
 
     def build_baseline(self, kind: type[Baseline], **parameters: Any) -> Baseline:
         """A baseline for this project's actuator.

@@ -3,6 +3,7 @@
 import json
 import re
 import tomllib
+from contextlib import nullcontext
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,11 +12,26 @@ import pytest
 
 from foreswitch import cli
 from foreswitch.baselines import PIPWM, Relay
-from foreswitch.compare import KINDS, SPREAD, SWITCH_COSTS, compare, on_share, switching_rate, total_rms
+from foreswitch.compare import (
+    COLOURS,
+    HORIZON_COSTS,
+    HORIZONS,
+    KINDS,
+    SPREAD,
+    SWITCH_COSTS,
+    compare,
+    horizon_settings,
+    on_share,
+    price_curve,
+    switching_rate,
+    total_rms,
+)
+from foreswitch.objective import Endpoint, Horizon
 from foreswitch.project import Project
 
 HOT_GAS = (Path(__file__).parents[1] / "examples/hot_gas/project.toml").read_text(encoding="utf-8")
-PREDICTIVE = ("predictive", "predictive, preview", "one step (Td = Ts)")
+LAWS = ("predictive", "predictive, preview")
+PREDICTIVE = (*LAWS, *HORIZONS.values())
 UNSTABLE = """
 [plant]
 model = "state_space"
@@ -70,7 +86,7 @@ def test_all_laws_are_there(result, told):
 def test_every_curve_passes_through_the_law_as_configured_or_tuned(result):
     for law in PREDICTIVE:
         parameters = [value for value, _ in result.curves[law]]
-        assert len(parameters) == 1 + len(SWITCH_COSTS)
+        assert len(parameters) == 1 + len(SWITCH_COSTS if law in LAWS else HORIZON_COSTS)
         assert parameters[0] == 0.0
         assert parameters[1:] == sorted(parameters[1:])
         assert np.array_equal(result.curves[law][0][1].u, result.runs[law].u)
@@ -184,6 +200,83 @@ def test_the_figure_shows_every_curve_and_marks_the_law_itself(result):
     assert [axes.get_title("left") for axes in traces.axes] == list(result.runs)
 
 
+# Horizons -------------------------------------------------------------------------------------------------------------
+
+
+def previewed(**controller):
+    content = tomllib.loads(HOT_GAS)
+    content["controller"] |= {"preview": "lag"} | controller
+    return Project(content)
+
+
+def test_a_horizon_of_one_period_is_the_one_step_law():
+    """At the same price, twice the endpoint's because that halves its squares; dwell and all."""
+    for changes in ({}, {"switch_cost": 3.0}, {"min_on": 0.003, "min_off": 0.002}, {"relative_degree": 2}):
+        project = previewed()
+        project.file = project.file.model_copy(
+            update={"actuator": project.file.actuator.model_copy(update=changes)} if "relative_degree" not in changes
+            else {"controller": project.file.controller.model_copy(update=changes)}
+        )  # fmt: skip
+        with pytest.warns(UserWarning, match="exceeds") if "min_on" in changes else nullcontext():
+            endpoint = project.build_controller(Td=project.controller.Ts)
+            step = project.build_controller(**horizon_settings(project, 1))
+        assert np.array_equal(project.simulate(step).u, project.simulate(endpoint).u), changes
+
+
+def test_horizons_share_sliding_variable_preview_and_price_with_the_project():
+    project = previewed(weight=3.0)
+    settings = horizon_settings(project, 5)
+    law = project.build_controller(**settings | {"switch_cost": 7.0})
+    assert law.objective == Horizon(5, weight=3.0, lam=2500.0, node_budget=law.objective.node_budget)
+    assert law.reference_times == pytest.approx(0.005 + 1e-3 * np.arange(1, 6))
+    assert horizon_settings(hot_gas(), 5)["preview"] is False
+    curve = price_curve(project, project.build_controller(**settings), [0.0, 1.0])
+    assert np.array_equal(curve[0][1].u, curve[1][1].u)
+    # a pulse of one period, seen at the five instants: the plant's own answer to it, by simulation
+    pulse = project.simulate(reference=lambda t: np.zeros(t.size), load=np.eye(1, 20).T, duration=0.02)
+    s = pulse.x[1:6, 0] + pulse.x[1:6, 1] / 2500.0
+    assert curve[2][0] == pytest.approx(3.0 * np.sum(s**2))
+
+
+@pytest.mark.parametrize("keys", [{}, {"lam": 2500.0, "tail": "rest", "window": [2, 6], "node_budget": 50}])
+def test_a_horizon_project_is_compared(keys):
+    content = tomllib.loads(HOT_GAS)
+    content["simulation"]["duration"] = 0.1
+    content["controller"] = {"objective": "horizon", "steps": 6, "preview": True} | keys
+    project = Project(content)
+    found = compare(project, budget=20)
+    assert not found.skipped
+    assert tuple(found.runs) == ("predictive", "predictive, no preview", *HORIZONS.values(), *KINDS)
+    assert np.array_equal(found.runs["predictive"].u, project.simulate().u)
+    assert found.laws["horizon, N = 5"].objective.lam == keys.get("lam")
+    counts = [run.metrics()["switches"] for _, run in found.curves["predictive"]]
+    assert counts[-1] < counts[0]
+    html = " ".join(str(table.rows) for section in found.report("x").sections for table in section.tables)
+    assert "2^6" in html
+
+
+def test_a_horizon_that_the_core_cannot_hold_is_left_out_and_the_rest_goes_on():
+    """Dead times 50 periods apart leave 14 of 64 steps, and too many waiting moves."""
+    content = tomllib.loads(HOT_GAS)
+    del content["reference"]
+    content["plant"] = {"model": "state_space", "A": [[-1.0]], "B": [[1.0, -1.0]], "input_delay": [0.0, 0.05]}
+    content["actuator"] = {"levels": [[0, 1], [0, 1]], "Ts": 1e-3}
+    content["controller"] = {"Td": 0.01, "lam": 1.0}
+    content["reference"] = {"kind": "constant", "value": 0.1}
+    content["simulation"] = {"duration": 0.1}
+    found = compare(Project(content), budget=20)
+    assert {"horizon, N = 5", "horizon, N = 20"} <= set(found.skipped)
+    assert set(found.runs) >= {"predictive", *KINDS}
+    assert "horizon, N = 20" in str(found.report("x").sections[0].text)
+
+
+def test_every_law_has_a_colour_of_its_own():
+    names = {*LAWS, "predictive, no preview", *HORIZONS.values(), *KINDS}
+    assert set(COLOURS) == names
+    assert len(set(COLOURS.values())) == len(names) - 1  # a law with and one without preview never meet
+    assert isinstance(previewed().controller.objective, Endpoint)
+
+
 # From the command line ------------------------------------------------------------------------------------------------
 
 
@@ -211,6 +304,8 @@ def test_the_verb_writes_report_pictures_traces_and_figures(run, tmp_path):
     for law in metrics.values():
         assert {"rms_error", "switches", "on_time", "curve"} <= set(law)
         assert all(set(point) == {"parameter", "rms_error", "switching_rate"} for point in law["curve"])
+    for name in PREDICTIVE:
+        assert set(metrics[name]["search"]) == {"nodes_median", "nodes_max", "optimal_percent"}
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"report.html", "compare.png", "compare.svg", "traces.png", "traces.svg"} <= names
     assert sum(name.endswith(".csv") for name in names) == len(metrics)
@@ -221,7 +316,8 @@ def test_without_json_it_prints_the_table(run, tmp_path):
     (tmp_path / "unstable.toml").write_text(UNSTABLE)
     code, out, _ = run("compare", "unstable.toml", "--budget", "20")
     assert code == 0
-    assert "one step (Td = Ts)" in out
+    assert "one step, N = 1" in out
+    assert re.search(r"horizon, N = 20 +2\^20 +\d+ +\d+ +100\n", out)
     assert "Smith + PWM is left out: plant has the unstable pole 1" in out
     assert {path.name for path in tmp_path.iterdir()} == {"project.toml", "unstable.toml"}
 
@@ -250,7 +346,7 @@ def test_nothing_is_left_when_writing_fails_midway(run, tmp_path, monkeypatch):
     def fail(*_):
         raise OSError(28, "No space left on device", "run.csv")
 
-    monkeypatch.setattr("foreswitch.run.write_whole", fail)
+    monkeypatch.setattr("foreswitch._csv.write_whole", fail)
     code, _, err = run("compare", "project.toml", "--budget", "20", "--out", "out")
     assert code == 2
     assert "No space left" in err

@@ -24,10 +24,19 @@ from foreswitch.demo import hot_gas_file, run_demo
 from foreswitch.draft import draft_project
 from foreswitch.fit import Fit
 from foreswitch.identify import identify as run_identify
+from foreswitch.objective import Horizon
 from foreswitch.project import Project
 from foreswitch.record import Record
 from foreswitch.reference import Samples
-from foreswitch.report import candidate_table, fit_report, metric_table, parameter_table, run_report
+from foreswitch.report import (
+    candidate_table,
+    fit_report,
+    metric_table,
+    parameter_table,
+    run_report,
+    search_figures,
+    search_table,
+)
 from foreswitch.run import listed
 
 __all__ = ["main"]
@@ -211,6 +220,9 @@ def simulate(
         changes.setdefault("duration", end)
     run = setup.simulate(reference=followed, **changes)
     summary = listed(run.metrics())
+    searched = isinstance(setup.controller.objective, Horizon)
+    if searched:
+        summary["search"] = search_figures(run, setup.controller)
     if out is not None:
         with whole_folder(out) as folder:
             run_report(_title(project), run, setup.controller).write(folder)
@@ -220,6 +232,8 @@ def simulate(
         print(_json(summary), end="")
         return
     _print_table(str(project), metric_table({"this run": run}))
+    if searched:
+        _print_table("Search", search_table({"this run": (run, setup.controller)}))
     if out is not None:
         print(f"{out / 'report.html'}, pictures and trace beside it")
 
@@ -241,6 +255,8 @@ def compare(
             {"parameter": value, "rms_error": total_rms(run), "switching_rate": switching_rate(run)}
             for value, run in curve
         ]
+    for law, controller in result.laws.items():
+        summary[law]["search"] = search_figures(result.runs[law], controller)
     if out is not None:
         with whole_folder(out) as folder:
             result.report(_title(project)).write(folder)
@@ -251,6 +267,9 @@ def compare(
         print(_json(summary), end="")
         return
     _print_table(str(project), result.table())
+    _print_table(
+        "Search", search_table({law: (result.runs[law], controller) for law, controller in result.laws.items()})
+    )
     for law, why in result.skipped.items():
         print(f"{law} is left out: {why}")
     if out is not None:

@@ -3,25 +3,40 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from foreswitch import baselines, plot
+from foreswitch.controller import Controller
 from foreswitch.loop import Law
+from foreswitch.objective import Endpoint, Horizon
+from foreswitch.prediction import sliding, transition
 from foreswitch.project import Project
-from foreswitch.report import Picture, Report, Section, Table, metric_table, number, tuning_table
+from foreswitch.report import Picture, Report, Section, Table, metric_table, number, search_table, tuning_table
 from foreswitch.run import Run
 
 __all__ = ["Comparison", "compare"]
 
-#: Costs of a switch, in units of the predicted cost that one switch can save at most.
+#: Costs of a switch, in units of what one pulse of one period changes in the predicted cost.
 SWITCH_COSTS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+#: The same for sums over a horizon, in which a pulse counts at every instant that it lasts.
+HORIZON_COSTS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+#: Horizons beside the project's law, and their names.
+HORIZONS = {1: "one step, N = 1", 5: "horizon, N = 5", 20: "horizon, N = 20"}
+#: Nodes after which a step takes the best sequence so far, so that a comparison ends.
+NODE_BUDGET = 20_000
 #: The parameter that trades error for switching, as multiples of its tuned value.
 SPREAD = (0.3, 1.0, 2.0, 4.0, 8.0)
 BUDGET = 300
+#: Also told apart by colour-blind readers; one family, one hue.
+COLOURS = {
+    "predictive": "#D55E00", "predictive, preview": "#E69F00", "predictive, no preview": "#E69F00",
+    "one step, N = 1": "#56B4E9", "horizon, N = 5": "#0072B2", "horizon, N = 20": "#003050",
+    "relay": "#009E73", "PI + PWM": "#CC79A7", "Smith + PWM": "#777777",
+}  # fmt: skip
 
 KINDS: dict[str, tuple[type[baselines.Baseline], str]] = {
     "relay": (baselines.Relay, "hysteresis"),
@@ -44,12 +59,15 @@ class Comparison:
         The baselines.
     skipped : dict of str to str
         Laws that do not fit this project, and why.
+    laws : dict of str to Controller
+        The predictive laws.
     """
 
     runs: dict[str, Run]
     curves: dict[str, list[tuple[float, Run]]]
     tuned: dict[str, baselines.Tuned]
     skipped: dict[str, str]
+    laws: dict[str, Controller]
 
     def table(self) -> Table:
         """Error, switching rate and on-time of every law.
@@ -92,7 +110,11 @@ class Comparison:
                     "that preview as helps them.",
                     *notes,
                 ],
-                [self.table(), tuning_table(self.tuned, caption)],
+                [
+                    self.table(),
+                    tuning_table(self.tuned, caption),
+                    search_table({law: (self.runs[law], controller) for law, controller in self.laws.items()}),
+                ],
                 [
                     Picture(
                         "compare", self.figure(), "rms error against switching rate; large markers: as in the table."
@@ -114,7 +136,8 @@ class Comparison:
         """
         figure = plot.figure(1, size=(7.2, 4.2))
         axes = figure.axes[0]
-        for (law, curve), colour in zip(self.curves.items(), plot.COLOURS, strict=False):
+        for law, curve in self.curves.items():
+            colour = COLOURS[law]
             rates = [switching_rate(run) for _, run in curve]
             errors = [total_rms(run) for _, run in curve]
             order = np.argsort(rates)
@@ -137,7 +160,8 @@ class Comparison:
         matplotlib.figure.Figure
         """
         figure = plot.figure(len(self.runs), size=(7.2, 1.1 + 1.1 * len(self.runs)))
-        for axes, (law, run), colour in zip(figure.axes, self.runs.items(), plot.COLOURS, strict=False):
+        for axes, (law, run) in zip(figure.axes, self.runs.items(), strict=True):
+            colour = COLOURS[law]
             factor, label = plot.time_scale(float(run.t[-1] - run.t[0]))
             plot.draw_output(axes, run.t * factor, (run.y - run.r)[:, 0], None, label="", colour=colour)
             axes.set_title(law, fontsize=8, loc="left")
@@ -181,27 +205,25 @@ def compare(
     Comparison
     """
     project = project.with_seed(seed)
-    worth = _worth(project)
     previewed = bool(project.file.controller.preview)
-    laws: dict[str, dict[str, Any]] = {
-        "predictive": {},
-        **(
-            {"predictive, no preview": {"preview": False}} if previewed else {"predictive, preview": {"preview": "lag"}}
-        ),
-        "one step (Td = Ts)": {"Td": project.controller.Ts},
-    }
-    runs, curves, tuned, skipped = {}, {}, {}, {}
-    for law, changes in laws.items():
+    ahead = "lag" if isinstance(project.controller.objective, Endpoint) else True
+    variant = (
+        {"predictive, no preview": {"preview": False}} if previewed else {"predictive, preview": {"preview": ahead}}
+    )
+    settings: dict[str, dict[str, Any]] = {"predictive": {}, **variant}
+    settings |= {name: horizon_settings(project, steps) for steps, name in HORIZONS.items()}
+    laws, runs, curves, tuned, skipped = {}, {}, {}, {}, {}
+    for law, changes in settings.items():
         progress(law)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a dwell beyond Td: one step is meant to be that short
-            runs[law] = project.simulate(project.build_controller(**changes))
-            own = project.file.actuator.switch_cost
-            costs = [own, *(cost * worth for cost in SWITCH_COSTS)]
-            curves[law] = [
-                (float(np.mean(cost)), project.simulate(project.build_controller(switch_cost=cost, **changes)))
-                for cost in costs
-            ]
+            warnings.simplefilter("ignore")  # as in price_curve
+            try:
+                laws[law] = project.build_controller(**changes)
+            except ValueError as error:
+                skipped[law] = str(error)
+                continue
+        curves[law] = price_curve(project, laws[law])
+        runs[law] = curves[law][0][1]
     for law, (kind, knob) in KINDS.items():
         progress(f"tuning: {law}")
         try:
@@ -216,13 +238,50 @@ def compare(
             value = max(factor * best.parameters[knob], least)
             baseline: Law = project.build_baseline(kind, **(best.parameters | {knob: value}))
             curves[law].append((value, project.simulate(baseline)))
-    return Comparison(runs, curves, tuned, skipped)
+    return Comparison(runs, curves, tuned, skipped, laws)
 
 
-def _worth(project: Project) -> float:
-    """What one switch moves the predicted cost by when s is half a step of the actuator: the scale of switch costs."""
-    controller = project.controller
-    steps = [
-        np.diff(values).max() * hold[0] for values, hold in zip(controller.levels, controller._law.rows.hold, strict=True)
-    ]
-    return float(0.5 * max((controller._law.weight * step**2).sum() for step in steps))
+def horizon_settings(project: Project, steps: int) -> dict[str, Any]:
+    """For `Project.build_controller`: so many periods of the project's sliding variable, weights, preview and price."""
+    own = project.controller.objective
+    objective = Horizon(
+        steps, weight=own.weight, lam=own.lam, relative_degree=own.relative_degree, node_budget=NODE_BUDGET
+    )
+    price = np.asarray(project.file.actuator.switch_cost)
+    if isinstance(own, Endpoint):
+        price = 2.0 * price  # its cost halves the squares, a horizon's does not
+    return {"objective": objective, "preview": bool(project.file.controller.preview), "switch_cost": price}
+
+
+def price_curve(project: Project, law: Controller, costs: Sequence[float] | None = None) -> list[tuple[float, Run]]:
+    """Runs of a law as it is, then with rising costs of a switch, in units of what one pulse changes in its cost."""
+    scale = _worth(law)
+    own = HORIZON_COSTS if isinstance(law.objective, Horizon) else SWITCH_COSTS
+    runs = [(float(np.mean(law._actuator.switch_cost)), project.simulate(law))]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a dwell beyond the horizon: one step is meant to be that short
+        for cost in own if costs is None else costs:
+            runs.append((cost * scale, project.simulate(law.replace(switch_cost=cost * scale))))
+    return runs
+
+
+def _worth(law: Controller) -> float:
+    """What a pulse, one step of an input for one period, changes in the cost: the scale of switch costs."""
+    plant, objective = law.plant, law.objective
+    lam = np.ones(plant.outputs) * (1.0 if objective.lam is None else np.asarray(objective.lam))
+    rows = sliding(plant, lam, law.relative_degree.tolist()).state
+    if isinstance(objective, Endpoint):
+        first = last = round(objective.Td / law.Ts)
+        factor = 0.5
+    else:
+        (first, last), factor = objective.window or (1, objective.steps), 1.0
+    found = []
+    for j, values in enumerate(law.levels):
+        phi, x = transition(plant.A, plant.B[:, j : j + 1] * np.diff(values).max(), law.Ts)
+        cost = 0.0
+        for i in range(1, last + 1):
+            if i >= first:
+                cost += float(np.sum(np.asarray(objective.weight) * (rows @ x)[:, 0] ** 2))
+            x = phi @ x
+        found.append(factor * cost)
+    return max(found)

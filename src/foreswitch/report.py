@@ -20,6 +20,7 @@ from foreswitch._files import write_whole
 from foreswitch.baselines import Tuned
 from foreswitch.controller import Status
 from foreswitch.fit import Candidate, Fit
+from foreswitch.objective import Horizon
 from foreswitch.run import Run
 
 __all__ = ["Picture", "Report", "Section", "Table", "fit_report", "fit_sections", "run_report", "tuning_table"]
@@ -137,14 +138,42 @@ def status_table(run: Run) -> Table:
     return Table(["status", "periods", "meaning"], rows)
 
 
+def search_figures(run: Run, controller: Any) -> dict[str, float]:
+    """Median and largest number of nodes per step, and the share of steps proven optimal [%]."""
+    nodes = run.nodes[run.nodes > 0]  # none where there was no measurement yet
+    if not nodes.size:
+        return {"nodes_median": 0.0, "nodes_max": 0.0, "optimal_percent": 0.0}
+    budget = getattr(controller.objective, "node_budget", None)
+    proven = 1.0 if budget is None else float(np.mean(nodes < budget))
+    return {
+        "nodes_median": float(np.median(nodes)), "nodes_max": float(nodes.max()), "optimal_percent": 100.0 * proven,
+    }  # fmt: skip
+
+
+def search_table(runs: dict[str, tuple[Run, Any]]) -> Table:
+    """How much each predictive law had to search."""
+    rows = []
+    for name, (run, controller) in runs.items():
+        found, objective = search_figures(run, controller), controller.objective
+        moves = (objective.moves or objective.steps) if isinstance(objective, Horizon) else 1
+        candidates = len(controller._actuator.candidates)
+        rows.append([
+            name, f"{candidates}^{moves}" if moves > 1 else str(candidates),
+            f"{found['nodes_median']:.0f}", f"{found['nodes_max']:.0f}", f"{found['optimal_percent']:.4g}",
+        ])  # fmt: skip
+    return Table(["", "sequences", "nodes, median", "nodes, largest", "steps proven optimal [%]"], rows)
+
+
 def run_report(name: str, run: Run, controller: Any) -> Report:
     """One run: picture, figures, statuses and the controller's own summary."""
+    searched = isinstance(controller.objective, Horizon)
     sections = [
         Section(
             "Run",
             pictures=[Picture("run", run.plot(), "Output over its reference; commands as they are issued.")],
             tables=[metric_table({"this run": run})],
         ),
+        *([Section("Search", tables=[search_table({"this run": (run, controller)})])] if searched else []),
         Section("Status", tables=[status_table(run)]),
         Section("Controller", code=repr(controller)),
         Section("Plant", code=repr(run.plant)),

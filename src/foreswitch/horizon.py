@@ -103,8 +103,9 @@ def horizon_model(plant: Plant, Ts: float) -> HorizonModel:
     )  # fmt: skip
 
 
-#: A pivot below this share of the Hessian's largest entry is zero: that move is not bounded by its own square.
-ZERO_PIVOT = 1e-11
+#: A pivot below this share of the Hessian's largest entry is zero: that move is not bounded by its own square. What is
+#: left out costs up to its root, relatively, if the optimum lies far outside the levels.
+ZERO_PIVOT = 1e-13
 #: Weight of the pivots' product against the lift's own gain, in typical pivots.
 CENTRING = 0.3
 #: Comparing nodes pays from this many sequences on, as powers of ten: with few candidates a node costs less than to

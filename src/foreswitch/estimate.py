@@ -13,7 +13,7 @@ from foreswitch._check import Array
 from foreswitch.fitting import Problem, Trial
 from foreswitch.plant import Plant
 
-__all__ = ["Estimate", "autocorrelation"]
+__all__ = ["Estimate", "autocorrelation", "independent"]
 
 #: Lags of the whiteness test, and the probability below which residuals count as coloured.
 LAGS, WHITE = 20, 1e-3
@@ -23,6 +23,12 @@ def autocorrelation(parts: list[Array], lags: int) -> Array:
     """Of residuals in separate stretches, lags 0 to ``lags``, shape (lags + 1,)."""
     total = sum(float(r @ r) for r in parts)
     return np.array([sum(float(r[k:] @ r[: r.size - k]) for r in parts if r.size > k) for k in range(lags + 1)]) / total
+
+
+def independent(parts: list[Array]) -> float:
+    """How many independent samples carry as much information as residuals as correlated as these."""
+    count, r = sum(part.size for part in parts), float(np.clip(autocorrelation(parts, 1)[1], 0.0, 0.99))
+    return max(count * (1.0 - r) / (1.0 + r), min(count, 10.0))
 
 
 @dataclass(frozen=True)
@@ -49,8 +55,9 @@ class Estimate:
 
     def unknowns(self, o: int) -> int:
         """Parameters of one output, nuisance ones included."""
-        nonlinear = len(self.problem.structures[o].names) + self.problem.record.u.shape[1]
-        return nonlinear + int(self.trial.linear[o].gains.size) + sum(part.basis.shape[1] for part in self.trial.parts[o])
+        nonlinear = len(self.problem.structures[o].names) + int(self.problem.record.u.shape[1])
+        linear = int(self.trial.linear[o].gains.size)
+        return nonlinear + linear + sum(int(part.basis.shape[1]) for part in self.trial.parts[o])
 
     def variance(self, o: int) -> float:
         """Of the residuals of output ``o``."""
@@ -63,9 +70,8 @@ class Estimate:
         return float(samples * np.log(max(square, 1e-300) / self.samples) + self.unknowns(0) * np.log(samples))
 
     def independent(self, o: int) -> float:
-        """Samples of output ``o`` in residuals as correlated as these, counted as independent ones."""
-        r = float(np.clip(autocorrelation(self.residuals(o), 1)[1], 0.0, 0.99))
-        return max(self.samples * (1.0 - r) / (1.0 + r), min(self.samples, 10.0))
+        """Samples of output ``o``, counted as independent ones."""
+        return independent(self.residuals(o))
 
     def whiteness(self, o: int) -> tuple[float, Array]:
         """Ljung-Box probability that the residuals of output ``o`` are white, and their autocorrelation."""

@@ -84,18 +84,17 @@ def _never_returns(estimate: Estimate) -> list[str]:
 
 
 def _small_pulse(estimate: Estimate) -> list[str]:
-    m, result, at = estimate.problem.record.u.shape[1], [], 0
-    names = [n for n in estimate.names if n[0] in "kK"]
-    for name in names:
+    problem, result = estimate.problem, []
+    chains = [o for o, structure in enumerate(problem.structures) if not structure.order]
+    pairs = itertools.product(chains, range(problem.record.u.shape[1]))
+    for name, (o, j) in zip((n for n in estimate.names if n[0] in "kK"), pairs, strict=True):
         value, error = estimate.values[name], estimate.errors[name]
         if error > VAGUE * abs(value):
-            j, o = at % m, at // m
             result.append(
-                f"The gain from {estimate.problem.record.input_names[j]} to {_output(estimate, o)} is known to "
+                f"The gain from {problem.record.input_names[j]} to {_output(estimate, o)} is known to "
                 f"{100 * error / max(abs(value), 1e-300):.0f} % only: the pulses are too small for the noise of "
                 f"{np.sqrt(estimate.variance(o)):.3g}; give longer or more of them."
             )
-        at += 1
     return result
 
 

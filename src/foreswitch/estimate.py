@@ -201,7 +201,8 @@ class Estimate:
                 value -= float(at_rest)
             row = (want @ part.back) @ part.basis.T
             spread = direct - row @ block
-            result.append((value, float(np.sqrt(max(float(variance * (row @ row) + spread @ self._fitted_covariance @ spread), 0.0)))))
+            square = float(variance * (row @ row) + spread @ self._fitted_covariance @ spread)
+            result.append((value, max(square, 0.0) ** 0.5))
         return result
 
     def _static_gain(self, o: int) -> Array:

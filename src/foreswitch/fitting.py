@@ -7,6 +7,7 @@ Kaufman's Jacobian), and offset and drift are removed as part of the fit, not be
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -111,7 +112,7 @@ class Problem:
         self.longest = max(float(grid.t[-1]) for grid in self.grids)
         self.sigma = np.ones(len(self.outputs))
         edges = np.cumsum([0] + [len(structure.names) for structure in self.structures])
-        self.slices = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        self.slices = [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
         self.delays = slice(int(edges[-1]), int(edges[-1]) + record.u.shape[1])
 
     def bounds(self) -> tuple[Array, Array]:

@@ -7,7 +7,6 @@ the input changes, and then carried from the sample before ``t - L`` to ``t - L`
 from __future__ import annotations
 
 import numpy as np
-
 from numpy.typing import NDArray
 
 from foreswitch import _response

@@ -277,6 +277,22 @@ def test_a_plant_that_is_no_chain_says_so(plant, sentence):
         fsw.propose_test(plant, 0.1, noise=0.1, delay_error=0.1)
 
 
+@pytest.mark.parametrize("name", PLANTS)
+def test_a_test_of_ones_own_is_judged_alike(name):
+    plant, noise = PLANTS[name][1], PLANTS[name][3]
+    test = propose(name)
+    assert test.errors(plant, noise) == test.predicted
+    halved = test.errors(plant, 0.5 * noise)
+    assert [halved[n] for n in halved] == pytest.approx([0.5 * test.predicted[n] for n in halved], rel=0.02)
+
+
+def test_quiet_time_tells_gain_from_drift():
+    """The gain of an integrating plant; its dead time hardly cares."""
+    none, some = (fsw.PulseTest(1e-3, 1e-3, 0.035, 40, lead).errors(GAS, 1.0) for lead in (0.035, 0.35))
+    assert some["k"] < 0.1 * none["k"]
+    assert some["delay"] > 0.7 * none["delay"]
+
+
 def test_a_proposal_shows_what_it_will_tell():
     text = repr(propose("oven"))
     assert "levels 0 and 1" in text

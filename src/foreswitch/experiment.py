@@ -162,6 +162,31 @@ class PulseTest:
         y = np.clip(y, *sensor_range(rig, q))
         return Record(t, u, y, input_names=plant.input_names, output_names=plant.output_names)
 
+    def errors(self, plant: Plant, noise: float) -> dict[str, float]:
+        """The standard errors that a fit of the plant's own structure to this test's record will have.
+
+        They follow from the sensitivities of the output to every parameter, offset and initial state (Cramer and Rao),
+        and of an integrating plant to its operating point.
+
+        Parameters
+        ----------
+        plant : Plant
+            One input, one output; integrators, lags and oscillating pairs.
+        noise : float
+            Standard deviation of the measurement.
+
+        Returns
+        -------
+        dict
+            By the names of `Fit.parameters`.
+
+        Raises
+        ------
+        ValueError
+            If the plant is of another kind.
+        """
+        return {name: error for name, (_, error) in _expected(self, plant, noise).items()}
+
     def __repr__(self) -> str:
         lines = [
             f"pulses     {self.number} of {self.width:g} s, every {self.spacing:g} s, levels {self.low:g} and {self.high:g}",
@@ -216,10 +241,7 @@ def propose_test(
     travel: float | None = None,
     longest: float | None = None,
 ) -> PulseTest:
-    """The shortest pulse test that measures a plant to wanted standard errors.
-
-    The errors to expect follow from the sensitivities of the output to every parameter, offset and initial state
-    (Cramer and Rao), and of an integrating plant to its operating point.
+    """The shortest pulse test that measures a plant to wanted standard errors, see `PulseTest.errors`.
 
     Parameters
     ----------
@@ -262,8 +284,6 @@ def propose_test(
     ├─ k          to be known to 4.5e+02
     └─ delay      to be known to 0.00015
     """
-    if plant.inputs != 1 or plant.outputs != 1:
-        raise ValueError(f"plant has {plant.inputs} inputs and {plant.outputs} outputs; give a plant with one of each")
     Ts = _check.number("Ts", Ts, above=0.0)
     noise = _check.number("noise", noise, above=0.0)
     wanted = _check.number("delay_error", delay_error, above=0.0)
@@ -275,7 +295,7 @@ def propose_test(
         raise ValueError(f"levels is {levels!r}; give the level between the pulses and the one in them")
     low, high = (_check.number("levels", level) for level in levels)
     limits = f"travel {travel or 'unlimited'} and longest {longest or 'unlimited'}"
-    search = _Search(plant, _structure(plant), Ts, noise, wanted, share, (low, high), travel, longest)
+    search = _Search(plant, Ts, noise, wanted, share, (low, high), travel, longest)
     best: tuple[float, PulseTest] | None = None
     for start in search.starts():
         score, test = search.grown(start)
@@ -297,7 +317,6 @@ class _Search:
     """Trial tests of one plant and what they would tell."""
 
     plant: Plant
-    structure: tuple[Structure, Array]
     Ts: float
     noise: float
     delay_error: float
@@ -362,20 +381,29 @@ class _Search:
 
     def judged(self, test: PulseTest) -> tuple[float, dict[str, float]]:
         """The largest standard error in units of what is wanted, and all of them by name."""
-        record = test.rehearse(self.plant, noise=self.noise)
-        structure, theta = self.structure
-        problem = Problem(record, [structure], [_integrates(self.plant)], [0], float("inf"))
-        estimate = Estimate(Trial(problem, np.r_[theta, self.plant.input_delay]))
-        # the residuals of this one record scatter; the noise is known
-        factor = self.noise / np.sqrt(estimate.variance(0))
-        errors = {name: float(error * factor) for name, error in estimate.errors.items()}
-        wanted = {name: self.relative_error * abs(value) for name, value in estimate.values.items()}
+        expected = _expected(test, self.plant, self.noise)
+        wanted = {name: self.relative_error * abs(value) for name, (value, _) in expected.items()}
         wanted["delay"] = self.delay_error
+        errors = {name: error for name, (_, error) in expected.items()}
         return max(errors[name] / wanted[name] for name in errors), errors
+
+
+def _expected(test: PulseTest, plant: Plant, noise: float) -> dict[str, tuple[float, float]]:
+    """Value and standard error of each parameter."""
+    structure, theta = _structure(plant)
+    noise = _check.number("noise", noise, above=0.0)
+    record = test.rehearse(plant, noise=noise)
+    problem = Problem(record, [structure], [_integrates(plant)], [0], float("inf"))
+    estimate = Estimate(Trial(problem, np.r_[theta, plant.input_delay]))
+    # the residuals of this one record scatter; the noise is known
+    factor = noise / np.sqrt(estimate.variance(0))
+    return {name: (float(estimate.values[name]), float(error * factor)) for name, error in estimate.errors.items()}
 
 
 def _structure(plant: Plant) -> tuple[Structure, Array]:
     """The chain that a plant is, and its parameters."""
+    if plant.inputs != 1 or plant.outputs != 1:
+        raise ValueError(f"plant has {plant.inputs} inputs and {plant.outputs} outputs; give a plant with one of each")
     num, _ = ss2tf(plant.A, plant.B, plant.C, np.zeros((1, 1)))
     size = np.abs(num[0]).max()
     poles = plant.poles

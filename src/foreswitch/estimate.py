@@ -183,33 +183,37 @@ class Estimate:
     def offsets(self, o: int) -> list[tuple[float, float]]:
         """Per segment, of output ``o`` at its end: offset of y (of an integrator, drift per second), standard error."""
         problem, structure = self.problem, self.problem.structures[o]
-        linear, result = self.trial.linear[o], []
-        variance = self.variance(o)
+        white, variance, result = self.whiteness(o)[0] >= WHITE, self.variance(o), []
         for s, (grid, part, block) in enumerate(
             zip(problem.grids, self.trial.parts[o], self._sensitivity[o], strict=True)
         ):
-            want = np.zeros(part.nuisance.shape[1])
-            direct = np.zeros(self._vector.size)
-            if structure.integrators:
-                if problem.drift[o]:
-                    want[-1] = 1.0 / grid.t[-1] ** structure.integrators
-            else:
+            want, direct = np.zeros(part.nuisance.shape[1]), np.zeros(self._vector.size)
+            if structure.integrators and problem.drift[o]:
+                want[-1] = 1.0 / grid.t[-1] ** structure.integrators
+            elif not structure.integrators:
                 want[structure.states :] = 1.0
-            value = float(want @ linear.coefficients[s])
+            value = float(want @ self.trial.linear[o].coefficients[s])
             if not structure.integrators:  # what the first command gives at rest is not offset
-                at_rest = self._static_gain(o) @ problem.record.u[problem.stretches[s].start]
-                value -= float(at_rest)
+                first = problem.record.u[problem.stretches[s].start]
+                value -= float(self._static_gain(o, self._vector) @ first)
+                for k in range(direct.size if first.any() else 0):
+                    step = np.zeros(direct.size)
+                    step[k] = 1e-6 * max(abs(self._vector[k]), 1e-3)
+                    change = self._static_gain(o, self._vector + step) - self._static_gain(o, self._vector - step)
+                    direct[k] = -float(change @ first) / (2.0 * step[k])
             row = (want @ part.back) @ part.basis.T
+            own = variance * float(row @ row)
+            if not white:
+                own = max(own, float(_long_run((row * self.residuals(o)[s])[:, None])[0, 0]))
             spread = direct - row @ block
-            square = float(variance * (row @ row) + spread @ self._fitted_covariance @ spread)
-            result.append((value, max(square, 0.0) ** 0.5))
+            result.append((value, max(own + float(spread @ self._fitted_covariance @ spread), 0.0) ** 0.5))
         return result
 
-    def _static_gain(self, o: int) -> Array:
+    def _static_gain(self, o: int, vector: Array) -> Array:
         """Final value per unit of each input, (m,)."""
         p = self.problem
-        structure, theta = p.structures[o], self.trial.theta[p.slices[o]]
-        gains = np.split(self.trial.linear[o].gains, p.record.u.shape[1])
+        structure, theta = p.structures[o], vector[p.slices[o]]
+        gains = np.split(self._gains(vector)[o], p.record.u.shape[1])
         den = structure.denominator(theta, p.scale)
         return np.array([structure.numerator(theta, each, p.scale)[-1] / den[-1] for each in gains])
 

@@ -29,7 +29,8 @@ class Record:
     t : array_like, shape (N,)
         Instants [s], ascending within each segment, evenly spaced or not.
     u : array_like, shape (N,) or (N, m)
-        Commands; each holds from its instant to the next one.
+        Commands; each holds from its instant to the next one. The first of a segment must have held for as long as
+        the dead time before: begin a record before the first switching.
     y : array_like, shape (N,) or (N, q)
         Measurements at the instants.
     segments : array_like, shape (N,), optional

@@ -467,7 +467,7 @@ def pulses(folder: Path) -> Values:
     assert best.structure == "integrator+pair", "the text says which structure is chosen"
     (folder / "pulse_fit.txt").write_text(f"{second}\n")
     lines = [
-        f"{c.structure:<20}{'drift' * c.drift:<8}{c.criterion:8.1f}{c.held_back:8.3f} {'chosen' * c.chosen}".rstrip()
+        f"{c.structure + ', drift' * c.drift:<28}{c.criterion:8.1f}{c.held_back:8.3f} {'chosen' * c.chosen}".rstrip()
         for c in best.candidates[:6]
     ]
     (folder / "pulse_candidates.txt").write_text("\n".join(lines) + "\n")

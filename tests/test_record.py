@@ -63,7 +63,9 @@ def test_files_are_read_whatever_separates_their_columns(mark, head, tmp_path):
 
 def test_several_columns_segments_and_gaps_are_read(tmp_path):
     path = tmp_path / "record.csv"
-    rows = [f"{t:g},{u:g},{1 - u:g},{'' if 5 <= t <= 6 else y:},{-y:g},{t >= 10:d}" for t, u, y in zip(T, U, Y, strict=True)]
+    rows = [
+        f"{t:g},{u:g},{1 - u:g},{'' if 5 <= t <= 6 else y:},{-y:g},{t >= 10:d}" for t, u, y in zip(T, U, Y, strict=True)
+    ]
     path.write_text("t,a,b,p,q,run\n" + "\n".join(rows))
     record = fsw.Record.read_csv(path, input=["a", "b"], output=["p", 5], segment="run", skip=[(5, 6)])
     assert record.input_names == ("a", "b")
@@ -84,12 +86,18 @@ def changed(values, at, value):
 BAD = {
     "three samples": (lambda: fsw.Record(T[:3], [0, 1, 0], Y[:3]), "the record has 3 samples; at least 8"),
     "none": (lambda: fsw.Record([], [], []), r"t has shape \(0,\)"),
-    "time twice": (lambda: fsw.Record(changed(T, 4, 3.0), U, Y), r"t holds 3 s twice \(sample 5\); instants must ascend"),
+    "time twice": (
+        lambda: fsw.Record(changed(T, 4, 3.0), U, Y),
+        r"t holds 3 s twice \(sample 5\); instants must ascend",
+    ),
     "time backwards": (lambda: fsw.Record(changed(T, 4, 2.5), U, Y), r"t holds 2\.5 s after 3 s \(sample 5\)"),
     "time missing": (lambda: fsw.Record(changed(T, 4, np.nan), U, Y), "t holds NaN"),
     "input constant": (lambda: fsw.Record(T, U * 0 + 3, Y, input_names="valve"), "input valve is 3 throughout; give"),
     "output constant": (lambda: fsw.Record(T, U, Y * 0 + 7), "output y is 7 throughout; give"),
-    "gap": (lambda: fsw.Record(T, U, changed(Y, [4, 6], np.nan)), r"y \(y\) is nan at t = 4 s, one of 2 gaps; name the"),
+    "gap": (
+        lambda: fsw.Record(T, U, changed(Y, [4, 6], np.nan)),
+        r"y \(y\) is nan at t = 4 s, one of 2 gaps; name the",
+    ),
     "gap in u": (lambda: fsw.Record(T, changed(U, 4, np.inf), Y), r"u \(u\) is inf at t = 4 s, one of 1 gaps"),
     "all skipped": (
         lambda: fsw.Record(T, U, Y, skip=[(0, 15)]),

@@ -32,7 +32,9 @@ def test_states_and_polynomials_are_the_same_transfer_function(name, seed, scale
     s = 1j * np.abs(den[-1] or den[1] or 1.0) ** (1.0 / structure.states) * 1.7 + 0.3 / scale
     wanted = C @ np.linalg.solve(s * np.eye(structure.states) - A, b)
     found = np.polyval(structure.numerator(theta, gains, scale), s) / np.polyval(den, s)
-    assert abs(found - wanted) <= 1e-9 * (np.abs(C) @ np.abs(np.linalg.inv(s * np.eye(structure.states) - A)) @ np.abs(b))
+    assert abs(found - wanted) <= 1e-9 * (
+        np.abs(C) @ np.abs(np.linalg.inv(s * np.eye(structure.states) - A)) @ np.abs(b)
+    )
 
 
 @given(st.integers(0, 10**6))

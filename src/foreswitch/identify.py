@@ -161,7 +161,9 @@ class _Search:
         """Whether a drift only hides what the structure misses: it predicts no better than none."""
         problem = found[i].problem
         return problem.drift[0] and any(
-            other.problem.structures == problem.structures and not other.problem.drift[0] and error <= EARNED * errors[i]
+            other.problem.structures == problem.structures
+            and not other.problem.drift[0]
+            and error <= EARNED * errors[i]
             for other, error in zip(found, errors, strict=True)
         )
 

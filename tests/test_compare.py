@@ -250,7 +250,7 @@ def test_nothing_is_left_when_writing_fails_midway(run, tmp_path, monkeypatch):
     def fail(*_):
         raise OSError(28, "No space left on device", "run.csv")
 
-    monkeypatch.setattr("foreswitch.run.write_whole", fail)
+    monkeypatch.setattr("foreswitch._csv.write_whole", fail)
     code, _, err = run("compare", "project.toml", "--budget", "20", "--out", "out")
     assert code == 2
     assert "No space left" in err

@@ -13,6 +13,7 @@ from scipy.stats import f as f_distribution
 from foreswitch._check import Array
 from foreswitch.estimate import WHITE, Estimate, independent
 from foreswitch.fitting import Problem, solve
+from foreswitch.prediction import transition
 from foreswitch.record import Record
 from foreswitch.structure import Structure
 
@@ -26,8 +27,8 @@ AS_WELL = float(chi2.ppf(0.95, 1))
 CHANCE, NOTABLE = 1e-3, 0.05
 #: A gain known no better than this was measured with too small a pulse.
 VAGUE = 0.1
-#: Time constants after which an output counts as settled, and the probability of a straight line below which it bends.
-SETTLED, BENT = 3.0, 0.01
+#: Share of a step's final value that counts as settled, and the probability of a straight line below which it bends.
+SETTLED, BENT = 0.8, 0.01
 #: Autocorrelation of the residuals that is worth a word.
 COLOURED = 0.1
 
@@ -343,6 +344,16 @@ def _levels(estimate: Estimate) -> list[str]:
     return result
 
 
+def _share_reached(estimate: Estimate, o: int, time: float) -> float:
+    """Share of its final value that the first input's step response has after that time; never more than 1."""
+    plant = estimate.plant
+    poles = np.linalg.eigvals(plant.A)
+    steps = np.linspace(time, time + 5.0 / np.abs(poles.real).min(), 50)  # an overshoot is not settled either
+    response = [float(plant.C[o] @ transition(plant.A, plant.B[:, :1], t)[1][:, 0]) for t in steps]
+    final = float(-plant.C[o] @ np.linalg.solve(plant.A, plant.B[:, 0]))
+    return 1.0 - max(abs(value / final - 1.0) for value in response) if final else 0.0
+
+
 def _bends(estimate: Estimate) -> list[str]:
     """Whether the settled output bends with the level, where each level is held too seldom for `level_effects`."""
     problem, record = estimate.problem, estimate.problem.record
@@ -355,7 +366,7 @@ def _bends(estimate: Estimate) -> list[str]:
             continue
         settled = []
         for start, end in itertools.pairwise(edges):
-            if (record.t[end - 1] - record.t[start]) * -poles.real.max() > SETTLED:
+            if _share_reached(estimate, o, float(record.t[end - 1] - record.t[start])) > SETTLED:
                 last = slice(end - max(1, (end - start) // 10), end)
                 settled.append((record.u[start, 0], record.t[end - 1], record.y[last, problem.outputs[o]].mean()))
         if len(settled) < 5 or len({level for level, *_ in settled}) < 4:

@@ -49,23 +49,48 @@ INLINE void exponential(size_t side, const double *M, double *result)
     }
 }
 
+/* e^(block h), block [n + 1][n + 1] being A beside b over a row of zeros: phi beside gamma over 0 ... 0 1. */
+INLINE void transition(size_t n, const double *A, const double *b, double h, double *result)
+{
+    double block[SIDE * SIDE];
+    const size_t side = n + 1;
+    for (size_t i = 0; i < n; i++) {
+        for (size_t j = 0; j < n; j++) block[i * side + j] = A[i * n + j] * h;
+        block[i * side + n] = b[i] * h;
+        block[n * side + i] = 0;
+    }
+    block[side * side - 1] = 0;
+    exponential(side, block, result);
+}
+
+INLINE void store(size_t n, const double *block, double *phi, double *gamma)
+{
+    for (size_t i = 0; i < n; i++) {
+        for (size_t j = 0; j < n; j++) *phi++ = block[i * (n + 1) + j];
+        *gamma++ = block[i * (n + 1) + n];
+    }
+}
+
 INLINE void discretise(size_t n, const double *A, const double *b, size_t count, const double *h, double *phi,
                        double *gamma)
 {
-    double block[SIDE * SIDE], power[SIDE * SIDE];
-    const size_t side = n + 1;
+    double block[SIDE * SIDE];
     for (size_t e = 0; e < count; e++) {
-        for (size_t i = 0; i < n; i++) {
-            for (size_t j = 0; j < n; j++) block[i * side + j] = A[i * n + j] * h[e];
-            block[i * side + n] = b[i] * h[e];
-            block[n * side + i] = 0;
-        }
-        block[side * side - 1] = 0;
-        exponential(side, block, power);
-        for (size_t i = 0; i < n; i++) {
-            for (size_t j = 0; j < n; j++) *phi++ = power[i * side + j];
-            *gamma++ = power[i * side + n];
-        }
+        transition(n, A, b, h[e], block);
+        store(n, block, phi + e * n * n, gamma + e * n);
+    }
+}
+
+INLINE void discretise_evenly(size_t n, const double *A, const double *b, size_t count, double first, double step,
+                              double *phi, double *gamma)
+{
+    double block[SIDE * SIDE], once[SIDE * SIDE], next[SIDE * SIDE];
+    transition(n, A, b, first, block);
+    transition(n, A, b, step, once);
+    for (size_t e = 0; e < count; e++) {
+        store(n, block, phi + e * n * n, gamma + e * n);
+        multiply(n + 1, once, block, next);
+        for (size_t i = 0; i < (n + 1) * (n + 1); i++) block[i] = next[i];
     }
 }
 
@@ -73,11 +98,41 @@ void fsw_discretise(size_t states, const double *A, const double *b, size_t coun
                     double *gamma)
 {
     switch (states) {
-    case 1: discretise(1, A, b, count, h, phi, gamma); break;
-    case 2: discretise(2, A, b, count, h, phi, gamma); break;
-    case 3: discretise(3, A, b, count, h, phi, gamma); break;
-    case 4: discretise(4, A, b, count, h, phi, gamma); break;
-    default: discretise(states, A, b, count, h, phi, gamma);
+    case 1:
+        discretise(1, A, b, count, h, phi, gamma);
+        break;
+    case 2:
+        discretise(2, A, b, count, h, phi, gamma);
+        break;
+    case 3:
+        discretise(3, A, b, count, h, phi, gamma);
+        break;
+    case 4:
+        discretise(4, A, b, count, h, phi, gamma);
+        break;
+    default:
+        discretise(states, A, b, count, h, phi, gamma);
+    }
+}
+
+void fsw_discretise_evenly(size_t states, const double *A, const double *b, size_t count, double first, double step,
+                           double *phi, double *gamma)
+{
+    switch (states) {
+    case 1:
+        discretise_evenly(1, A, b, count, first, step, phi, gamma);
+        break;
+    case 2:
+        discretise_evenly(2, A, b, count, first, step, phi, gamma);
+        break;
+    case 3:
+        discretise_evenly(3, A, b, count, first, step, phi, gamma);
+        break;
+    case 4:
+        discretise_evenly(4, A, b, count, first, step, phi, gamma);
+        break;
+    default:
+        discretise_evenly(states, A, b, count, first, step, phi, gamma);
     }
 }
 
@@ -135,11 +190,20 @@ INLINE void carry(const fsw_response *s, size_t n, size_t count, const int64_t *
 void fsw_respond(const fsw_response *s, size_t count, const double *u, double *x)
 {
     switch (s->states) {
-    case 1: respond(s, 1, count, u, x); break;
-    case 2: respond(s, 2, count, u, x); break;
-    case 3: respond(s, 3, count, u, x); break;
-    case 4: respond(s, 4, count, u, x); break;
-    default: respond(s, s->states, count, u, x);
+    case 1:
+        respond(s, 1, count, u, x);
+        break;
+    case 2:
+        respond(s, 2, count, u, x);
+        break;
+    case 3:
+        respond(s, 3, count, u, x);
+        break;
+    case 4:
+        respond(s, 4, count, u, x);
+        break;
+    default:
+        respond(s, s->states, count, u, x);
     }
 }
 
@@ -147,10 +211,19 @@ void fsw_carry(const fsw_response *s, size_t count, const int64_t *at, const dou
                double *slope)
 {
     switch (s->states) {
-    case 1: carry(s, 1, count, at, u, x, late, slope); break;
-    case 2: carry(s, 2, count, at, u, x, late, slope); break;
-    case 3: carry(s, 3, count, at, u, x, late, slope); break;
-    case 4: carry(s, 4, count, at, u, x, late, slope); break;
-    default: carry(s, s->states, count, at, u, x, late, slope);
+    case 1:
+        carry(s, 1, count, at, u, x, late, slope);
+        break;
+    case 2:
+        carry(s, 2, count, at, u, x, late, slope);
+        break;
+    case 3:
+        carry(s, 3, count, at, u, x, late, slope);
+        break;
+    case 4:
+        carry(s, 4, count, at, u, x, late, slope);
+        break;
+    default:
+        carry(s, s->states, count, at, u, x, late, slope);
     }
 }

@@ -183,6 +183,7 @@ def test_every_public_name_is_in_the_reference():
 
 def test_the_numbers_in_the_text_are_those_computed(generate, tmp_path):
     values = generate.figures.draw(tmp_path) | generate.demo_values(generate.run_demo()) | generate.core_values()
+    values |= generate.record_values()
     values["budget"] = str(generate.comparisons.BUDGET)
     assert generate.false_claims(values) == []
 
@@ -197,3 +198,36 @@ def test_every_page_is_in_the_table_of_contents():
     tree = re.search(r"```\{toctree\}\n(.*?)```", page_text("index.md"), flags=re.DOTALL)
     listed = {line for line in tree[1].splitlines() if line and not line.startswith(":")}
     assert listed == {page.stem for page in (ROOT / "docs").glob("*.md")} - {"index"}
+
+
+def test_the_table_of_measured_records_is_that_of_its_benchmark(generate):
+    rows = list(generate.record_rows())
+    assert "_generated/real_records.md" in page_text("identification.md")
+    assert len(rows) == len(generate.record_table()) >= 4
+    for row, found in zip(rows, generate.record_table(), strict=True):
+        errors = [found[method]["predicted"] for method in ("identify", "FOPDT", "ARX")]
+        assert row[0] == found["name"]
+        assert [float(cell.strip("*")) for cell in row[-3:]] == errors
+        assert {float(cell.strip("*")) for cell in row[-3:] if cell.startswith("**")} == {min(errors)}
+
+
+def test_every_structure_compared_is_in_the_table(generate):
+    from foreswitch.structure import STRUCTURES, Structure
+
+    for text, row in zip(STRUCTURES, generate.structure_rows(), strict=True):
+        assert row[0] == f"`{text}`"
+        assert row[1].startswith("$")
+        assert row[1].endswith("$")
+        names = set(re.findall(r"`(\w+)`", row[2]))
+        assert set(Structure.parse(text).names) < names
+
+
+def test_every_warning_is_explained():
+    """The quoted words of the page's table are those that the code says, one row for each check at least."""
+    source = (ROOT / "src/foreswitch/diagnosis.py").read_text(encoding="utf-8")
+    table = page_text("identification.md").split("| it says |")[1].split("\n\n")[0].splitlines()[2:]
+    checks = re.search(r"checks = \((.*?)\)", source, re.DOTALL)[1].count(",")
+    assert len(table) >= checks
+    for row in table:
+        for words in re.findall(r"`([^`]+)`", row.split("|")[1]):
+            assert words in source, words

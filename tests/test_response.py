@@ -1,5 +1,6 @@
 """Responses at the samples of a record: exact for any sampling, dead time and plant."""
 
+import itertools
 import os
 import subprocess
 
@@ -28,7 +29,7 @@ def piecewise(A, b, t, u, delay, x0=None):
     n = b.size
     events = np.unique(np.concatenate([t, t[t + delay < t[-1]] + delay]))
     x, states = np.r_[np.zeros(n) if x0 is None else x0, 1.0], {}
-    for start, end in zip(events[:-1], events[1:], strict=True):
+    for start, end in itertools.pairwise(events):
         states[start] = x[:n]
         block = np.zeros((n + 1, n + 1))
         block[:n, :n], block[:n, n] = A, b * held(t, u, delay, 0.5 * (start + end))

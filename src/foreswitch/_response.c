@@ -65,8 +65,29 @@ static PyObject *discretise(PyObject *module, PyObject *args)
     return Py_NewRef(Py_None);
 }
 
+static PyObject *discretise_evenly(PyObject *module, PyObject *args)
+{
+    (void)module;
+    enum { SYSTEM, ENTRY, PHI, GAMMA, COUNT };
+    array a[COUNT] = {{"A", 'd', 0}, {"b", 'd', 0}, {"phi", 'd', 1}, {"gamma", 'd', 1}};
+    PyObject *o[COUNT];
+    double first, step;
+    if (!PyArg_ParseTuple(args, "OOddOO", &o[0], &o[1], &first, &step, &o[2], &o[3]) || !attach(a, o, COUNT))
+        return NULL;
+    const Py_ssize_t n = a[ENTRY].items, count = n > 0 ? a[GAMMA].items / n : 0;
+    if (n < 1 || n > FSW_RESPONSE_MAX_STATES || a[SYSTEM].items != n * n || a[PHI].items != count * n * n ||
+        a[GAMMA].items != count * n)
+        return mismatch(a, COUNT);
+    Py_BEGIN_ALLOW_THREADS;
+    fsw_discretise_evenly((size_t)n, a[SYSTEM].data, a[ENTRY].data, (size_t)count, first, step, a[PHI].data,
+                          a[GAMMA].data);
+    Py_END_ALLOW_THREADS;
+    release(a, COUNT);
+    return Py_NewRef(Py_None);
+}
+
 enum { SYSTEM, ENTRY, PHI, GAMMA, WHICH, OVER, SYSTEM_ARRAYS };
-#define SYSTEM_SLOTS \
+#define SYSTEM_SLOTS                                                                                                   \
     {"A", 'd', 0}, {"b", 'd', 0}, {"phi", 'd', 0}, {"gamma", 'd', 0}, {"which", 'I', 0}, {"over", 'd', 0}
 
 /* The system that the first arrays hold, for `count` intervals; `over` may be empty. */
@@ -79,7 +100,12 @@ static int system_from(const array *a, Py_ssize_t count, fsw_response *system)
     const uint32_t *which = a[WHICH].data;
     for (Py_ssize_t i = 0; i < count; i++)
         if (which[i] >= (size_t)tables) return 0;
-    *system = (fsw_response){(size_t)n, a[SYSTEM].data, a[ENTRY].data, a[PHI].data, a[GAMMA].data, which,
+    *system = (fsw_response){(size_t)n,
+                             a[SYSTEM].data,
+                             a[ENTRY].data,
+                             a[PHI].data,
+                             a[GAMMA].data,
+                             which,
                              a[OVER].items ? a[OVER].data : NULL};
     return 1;
 }
@@ -128,6 +154,7 @@ static PyObject *carry(PyObject *module, PyObject *args)
 }
 
 static PyMethodDef methods[] = {{"discretise", discretise, METH_VARARGS, NULL},
+                                {"discretise_evenly", discretise_evenly, METH_VARARGS, NULL},
                                 {"respond", respond, METH_VARARGS, NULL},
                                 {"carry", carry, METH_VARARGS, NULL},
                                 {NULL, NULL, 0, NULL}};

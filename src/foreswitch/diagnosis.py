@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from foreswitch._check import Array
-from foreswitch.estimate import WHITE, Estimate
+from foreswitch.estimate import WHITE, Estimate, independent
 from foreswitch.fitting import Problem, solve
+from foreswitch.prediction import transition
+from foreswitch.record import Record
 from foreswitch.structure import Structure
 
 __all__ = ["LevelEffect", "diagnose", "indistinguishable", "level_effects"]
@@ -23,6 +27,8 @@ AS_WELL = float(chi2.ppf(0.95, 1))
 CHANCE, NOTABLE = 1e-3, 0.05
 #: A gain known no better than this was measured with too small a pulse.
 VAGUE = 0.1
+#: Share of a step's final value that counts as settled, and the probability of a straight line below which it bends.
+SETTLED, BENT = 0.8, 0.01
 #: Autocorrelation of the residuals that is worth a word.
 COLOURED = 0.1
 
@@ -36,6 +42,7 @@ def diagnose(estimate: Estimate) -> list[str]:
         _dead_time,
         _gain_changes,
         _levels,
+        _bends,
         _coloured,
         _quantised,
         _moved,
@@ -44,7 +51,10 @@ def diagnose(estimate: Estimate) -> list[str]:
 
 
 def _unit(seconds: float) -> str:
-    return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
+    for factor, name in ((1.0, "s"), (1e3, "ms"), (1e6, "µs")):
+        if seconds * factor >= 1.0:
+            return f"{seconds * factor:.3g} {name}"
+    return f"{seconds * 1e9:.3g} ns" if seconds > 0.0 else "0 s"
 
 
 def _unstable(estimate: Estimate) -> list[str]:
@@ -75,18 +85,17 @@ def _never_returns(estimate: Estimate) -> list[str]:
 
 
 def _small_pulse(estimate: Estimate) -> list[str]:
-    m, result, at = estimate.problem.record.u.shape[1], [], 0
-    names = [n for n in estimate.names if n[0] in "kK"]
-    for name in names:
+    problem, result = estimate.problem, []
+    chains = [o for o, structure in enumerate(problem.structures) if not structure.order]
+    pairs = itertools.product(chains, range(problem.record.u.shape[1]))
+    for name, (o, j) in zip((n for n in estimate.names if n[0] in "kK"), pairs, strict=True):
         value, error = estimate.values[name], estimate.errors[name]
         if error > VAGUE * abs(value):
-            j, o = at % m, at // m
             result.append(
-                f"The gain from {estimate.problem.record.input_names[j]} to {_output(estimate, o)} is known to "
+                f"The gain from {problem.record.input_names[j]} to {_output(estimate, o)} is known to "
                 f"{100 * error / max(abs(value), 1e-300):.0f} % only: the pulses are too small for the noise of "
                 f"{np.sqrt(estimate.variance(o)):.3g}; give longer or more of them."
             )
-        at += 1
     return result
 
 
@@ -192,28 +201,25 @@ def _gain_changes(estimate: Estimate) -> list[str]:
             change[stretch] = record.u[stretch, j] - record.u[stretch.start, j]
         if len(blocks) < 2:
             continue
-        for o, structure in enumerate(problem.structures):
-            if structure.order:
-                continue
-            inputs = [np.where(block, change, 0.0) for block in blocks]
-            gains, errors, chance = _separate(estimate, o, j, inputs)
-            low, high = int(np.argmin(gains)), int(np.argmax(gains))
-            spread = abs(gains[high] - gains[low]) / max(abs(float(np.mean(gains))), 1e-300)
-            if (
-                chance < CHANCE
-                and spread > NOTABLE
-                and np.hypot(errors[low], errors[high]) * 3.0 < spread * abs(float(np.mean(gains)))
-            ):
-                where = [f"{record.t[np.flatnonzero(blocks[i])[0]]:.3g} s" for i in (low, high)]
+        for o in range(len(problem.structures)):
+            shares, errors, chance = _separate(estimate, o, j, [np.where(block, change, 0.0) for block in blocks])
+            low, high = int(np.argmin(shares)), int(np.argmax(shares))
+            spread = float(shares[high] - shares[low])
+            if chance < CHANCE and spread > max(NOTABLE, 3.0 * float(np.hypot(errors[low], errors[high]))):
+                where = [f"{shares[i]:.2f} times the fitted one from {_start(record, blocks[i])} on"
+                         for i in (low, high)]  # fmt: skip
                 result.append(
-                    f"The gain from {name} to {_output(estimate, o)} differs by {100 * spread:.0f} % within the "
-                    f"record (from {where[0]} on {gains[low]:.4g}, from {where[1]} on {gains[high]:.4g}): "
-                    "something changed, a supply, a fan, a leak; or the plant is not linear."
+                    f"The gain from {name} to {_output(estimate, o)} differs by {100 * spread:.0f} % within the record "
+                    f"({', '.join(where)}): something changed, a supply, a fan, a leak; or the plant is not linear."
                 )
     return result
 
 
-def _blocks(estimate: Estimate, j: int) -> list[Array]:
+def _start(record: Record, block: NDArray[np.bool_]) -> str:
+    return f"{record.t[np.flatnonzero(block)[0]]:.3g} s"
+
+
+def _blocks(estimate: Estimate, j: int) -> list[NDArray[np.bool_]]:
     """The segments, or up to four stretches of one with at least two changes of input ``j`` each."""
     problem = estimate.problem
     record, blocks = problem.record, []
@@ -239,37 +245,40 @@ def _blocks(estimate: Estimate, j: int) -> list[Array]:
 
 
 def _separate(estimate: Estimate, o: int, j: int, inputs: list[Array]) -> tuple[Array, Array, float]:
-    """Gains of the parts of input ``j``, poles and dead times held; errors; probability that they are all one gain.
+    """Gains of the parts of input ``j`` in units of the fitted one, poles and dead times held; errors; probability
+    that they are all one gain.
 
     The parts start every segment from 0 and add up to the input's change since then.
     """
     problem, trial = estimate.problem, estimate.trial
     theta, delay = trial.theta[problem.slices[o]], float(trial.theta[problem.delays][j])
     A, b = problem.structures[o].system(theta, problem.scale)
-    projected, target = [], []
     m = problem.record.u.shape[1]
+    gains = np.split(trial.linear[o].gains, m)
+    width = gains[j].size
+    projected, target = [], []
     for part, grid, stretch, y in zip(trial.parts[o], problem.grids, problem.stretches, problem.y[o], strict=True):
         columns = []
         for values in inputs:
             u = np.ascontiguousarray(values[stretch])
-            columns.append(grid.delayed(A, b, u, grid.states(A, b, u), delay)[0][:, -1])
-        F = np.column_stack([*columns, *(part.forced[:, i] for i in range(m) if i != j)])
-        known = part.forced[:, j] - sum(columns)  # what an integrator makes of the first command
-        v = y - known * trial.linear[o].gains[j]
+            columns.append(grid.delayed(A, b, u, grid.states(A, b, u), delay)[0][:, -width:] @ gains[j])
+        whole = [part.forced[:, i * width : (i + 1) * width] @ gains[i] for i in range(m)]
+        F = np.column_stack([*columns, *(whole[i] for i in range(m) if i != j)])
+        v = y - (whole[j] - sum(columns))  # less what an integrator makes of the first command
         projected.append(F - part.basis @ (part.basis.T @ F))
         target.append(v - part.basis @ (part.basis.T @ v))
     F, v = np.concatenate(projected), np.concatenate(target)
-    gains, *_ = np.linalg.lstsq(F, v, rcond=None)
-    residual = v - F @ gains
-    degrees = max(1, residual.size - estimate.unknowns(o) - len(inputs))
-    variance = float(residual @ residual) / degrees
-    common = sum(float(r @ r) for r in estimate.residuals(o))
+    shares, *_ = np.linalg.lstsq(F, v, rcond=None)
+    residual = v - F @ shares
+    degrees, extra = max(1, residual.size - estimate.unknowns(o) - len(inputs)), max(1, len(inputs) - 1)
     # coloured residuals carry less information than their number says
-    inflation = estimate.samples / estimate.independent(o)
-    ratio = (common - float(residual @ residual)) / max(1, len(inputs) - 1) / max(variance, 1e-300) / inflation
-    chance = float(f_distribution.sf(max(ratio, 0.0), max(1, len(inputs) - 1), degrees))
-    errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv(F.T @ F)), 0.0) * variance * inflation)
-    return gains[: len(inputs)], errors[: len(inputs)], chance
+    inflation = residual.size / independent([residual])
+    variance = max(float(residual @ residual) / degrees * inflation, 1e-300)
+    common = sum(float(r @ r) for r in estimate.residuals(o))
+    rise = max(0.0, common - float(residual @ residual))
+    chance = float(f_distribution.sf(rise / extra / variance, extra, max(1.0, degrees / inflation)))
+    errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv(F.T @ F)), 0.0) * variance)
+    return shares[: len(inputs)], errors[: len(inputs)], chance
 
 
 @dataclass(frozen=True)
@@ -283,7 +292,7 @@ class LevelEffect:
     levels, effects, errors : ndarray
         Commanded, effective (lowest and highest as commanded) and its standard error.
     chance : float
-        Probability of such a departure by noise alone.
+        Probability that the effects are proportional to the levels.
     """
 
     input: int
@@ -294,23 +303,27 @@ class LevelEffect:
 
 
 def level_effects(estimate: Estimate, o: int, j: int) -> LevelEffect | None:
-    """Separate effect of each level of input ``j`` on output ``o``; None with fewer than three levels."""
+    """Separate effect of each level of input ``j`` on output ``o``.
+
+    None with fewer than three levels, with an integrator, whose drift is one more level, or where a level is held only
+    once, so that it cannot be told from drift or another input.
+    """
     problem = estimate.problem
-    levels = problem.record.levels(j)
-    if not 3 <= levels.size <= 12 or problem.structures[o].order or problem.structures[o].integrators:
+    levels, u = problem.record.levels(j), problem.record.u[:, j]
+    if not 3 <= levels.size <= 12 or problem.structures[o].integrators:
         return None
-    u = problem.record.u[:, j]
-    inputs = [(u == level).astype(np.float64) for level in levels[1:]]
+    held = np.concatenate([u[s][np.r_[True, np.diff(u[s]) != 0.0]] for s in problem.stretches])
+    if min(np.count_nonzero(held == level) for level in levels) < 2:
+        return None
+    inputs = [np.where(u == level, level - levels[0], 0.0) for level in levels[1:]]
     for stretch in problem.stretches:
         for values in inputs:
             values[stretch] -= values[stretch.start]
-    gains, errors, _ = _separate(estimate, o, j, inputs)
-    if gains[-1] == 0.0:
+    shares, errors, chance = _separate(estimate, o, j, inputs)
+    if not shares[-1] > 3.0 * errors[-1]:
         return None
-    span = levels[-1] - levels[0]
-    effects, spread = np.r_[0.0, gains] / gains[-1] * span + levels[0], np.r_[0.0, errors] / abs(gains[-1]) * span
-    score = np.abs(effects - levels)[1:-1] / np.maximum(np.hypot(spread[1:-1], spread[-1]), 1e-300)
-    return LevelEffect(j, levels, effects, spread, float(chi2.sf(float((score**2).sum()), levels.size - 2)))
+    effects = np.r_[0.0, shares / shares[-1]] * (levels - levels[0]) + levels[0]
+    return LevelEffect(j, levels, effects, np.r_[0.0, errors / shares[-1]] * (levels - levels[0]), chance)
 
 
 def _levels(estimate: Estimate) -> list[str]:
@@ -321,11 +334,55 @@ def _levels(estimate: Estimate) -> list[str]:
             found = level_effects(estimate, o, j)
             if found is None or found.chance >= CHANCE:
                 continue
-            departure = np.abs(found.effects - found.levels).max() / np.ptp(found.levels)
-            if departure > NOTABLE:
+            departure = np.abs(found.effects - found.levels)
+            if (departure > np.maximum(NOTABLE * np.ptp(found.levels), 3.0 * found.errors)).any():
                 table = ", ".join(f"{a:g} acts as {b:.3g}" for a, b in zip(found.levels, found.effects, strict=True))
                 result.append(
                     f"The effect of {name} on {_output(estimate, o)} is not proportional to its level ({table}): "
                     "the actuator is not linear; identify with the effective levels in place of the commanded ones."
                 )
+    return result
+
+
+def _share_reached(estimate: Estimate, o: int, time: float) -> float:
+    """Share of its final value that the first input's step response has after that time; never more than 1."""
+    plant = estimate.plant
+    poles = np.linalg.eigvals(plant.A)
+    steps = np.linspace(time, time + 5.0 / np.abs(poles.real).min(), 50)  # an overshoot is not settled either
+    response = [float(plant.C[o] @ transition(plant.A, plant.B[:, :1], t)[1][:, 0]) for t in steps]
+    final = float(-plant.C[o] @ np.linalg.solve(plant.A, plant.B[:, 0]))
+    return 1.0 - max(abs(value / final - 1.0) for value in response) if final else 0.0
+
+
+def _bends(estimate: Estimate) -> list[str]:
+    """Whether the settled output bends with the level, where each level is held too seldom for `level_effects`."""
+    problem, record = estimate.problem, estimate.problem.record
+    if record.u.shape[1] > 1 or len(problem.stretches) > 1:
+        return []
+    result, edges = [], np.r_[problem.stretches[0].start, record.edges(0), problem.stretches[0].stop]
+    for o, structure in enumerate(problem.structures):
+        poles = np.roots(structure.denominator(estimate.trial.theta[problem.slices[o]], problem.scale))
+        if structure.integrators or poles.real.max() >= 0.0 or level_effects(estimate, o, 0):
+            continue
+        settled = []
+        for start, end in itertools.pairwise(edges):
+            if _share_reached(estimate, o, float(record.t[end - 1] - record.t[start])) > SETTLED:
+                last = slice(end - max(1, (end - start) // 10), end)
+                settled.append((record.u[start, 0], record.t[end - 1], record.y[last, problem.outputs[o]].mean()))
+        if len(settled) < 5 or len({level for level, *_ in settled}) < 4:
+            continue
+        u, t, y = np.array(sorted(settled)).T
+        line = np.column_stack([np.ones(u.size), u])
+        straight, drifting, curved = (
+            float(np.linalg.lstsq(X, y, rcond=None)[1].sum())
+            for X in (line, np.column_stack([line, t]), np.column_stack([line, (u - u.mean()) ** 2]))
+        )
+        chance = f_distribution.sf((straight - curved) / max(curved / (u.size - 3), 1e-300), 1, u.size - 3)
+        slopes = np.polyval(np.polyder(np.polyfit(u, y, 2)), [u[0], u[-1]])
+        if chance < BENT and curved < 0.5 * drifting and np.ptp(slopes) > np.abs(slopes).max() / 4.0:
+            result.append(
+                f"{_output(estimate, o)} settles on a curve: {slopes[0]:.3g} per unit of {record.input_names[0]} at "
+                f"{u[0]:g} and {slopes[1]:.3g} at {u[-1]:g}: the actuator or the plant is not linear; identify on the "
+                "levels that control will use, or give effective levels in place of the commanded ones."
+            )
     return result

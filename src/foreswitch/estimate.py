@@ -13,7 +13,7 @@ from foreswitch._check import Array
 from foreswitch.fitting import Problem, Trial
 from foreswitch.plant import Plant
 
-__all__ = ["Estimate", "autocorrelation"]
+__all__ = ["Estimate", "autocorrelation", "independent"]
 
 #: Lags of the whiteness test, and the probability below which residuals count as coloured.
 LAGS, WHITE = 20, 1e-3
@@ -23,6 +23,12 @@ def autocorrelation(parts: list[Array], lags: int) -> Array:
     """Of residuals in separate stretches, lags 0 to ``lags``, shape (lags + 1,)."""
     total = sum(float(r @ r) for r in parts)
     return np.array([sum(float(r[k:] @ r[: r.size - k]) for r in parts if r.size > k) for k in range(lags + 1)]) / total
+
+
+def independent(parts: list[Array]) -> float:
+    """How many independent samples carry as much information as residuals as correlated as these."""
+    count, r = sum(part.size for part in parts), float(np.clip(autocorrelation(parts, 1)[1], 0.0, 0.99))
+    return max(count * (1.0 - r) / (1.0 + r), min(count, 10.0))
 
 
 @dataclass(frozen=True)
@@ -49,8 +55,9 @@ class Estimate:
 
     def unknowns(self, o: int) -> int:
         """Parameters of one output, nuisance ones included."""
-        nonlinear = len(self.problem.structures[o].names) + self.problem.record.u.shape[1]
-        return nonlinear + int(self.trial.linear[o].gains.size) + sum(part.basis.shape[1] for part in self.trial.parts[o])
+        nonlinear = len(self.problem.structures[o].names) + int(self.problem.record.u.shape[1])
+        linear = int(self.trial.linear[o].gains.size)
+        return nonlinear + linear + sum(int(part.basis.shape[1]) for part in self.trial.parts[o])
 
     def variance(self, o: int) -> float:
         """Of the residuals of output ``o``."""
@@ -63,9 +70,8 @@ class Estimate:
         return float(samples * np.log(max(square, 1e-300) / self.samples) + self.unknowns(0) * np.log(samples))
 
     def independent(self, o: int) -> float:
-        """Samples of output ``o`` in residuals as correlated as these, counted as independent ones."""
-        r = float(np.clip(autocorrelation(self.residuals(o), 1)[1], 0.0, 0.99))
-        return max(self.samples * (1.0 - r) / (1.0 + r), min(self.samples, 10.0))
+        """Samples of output ``o``, counted as independent ones."""
+        return independent(self.residuals(o))
 
     def whiteness(self, o: int) -> tuple[float, Array]:
         """Ljung-Box probability that the residuals of output ``o`` are white, and their autocorrelation."""
@@ -177,32 +183,37 @@ class Estimate:
     def offsets(self, o: int) -> list[tuple[float, float]]:
         """Per segment, of output ``o`` at its end: offset of y (of an integrator, drift per second), standard error."""
         problem, structure = self.problem, self.problem.structures[o]
-        linear, result = self.trial.linear[o], []
-        variance = self.variance(o)
+        white, variance, result = self.whiteness(o)[0] >= WHITE, self.variance(o), []
         for s, (grid, part, block) in enumerate(
             zip(problem.grids, self.trial.parts[o], self._sensitivity[o], strict=True)
         ):
-            want = np.zeros(part.nuisance.shape[1])
-            direct = np.zeros(self._vector.size)
-            if structure.integrators:
-                if problem.drift[o]:
-                    want[-1] = 1.0 / grid.t[-1] ** structure.integrators
-            else:
+            want, direct = np.zeros(part.nuisance.shape[1]), np.zeros(self._vector.size)
+            if structure.integrators and problem.drift[o]:
+                want[-1] = 1.0 / grid.t[-1] ** structure.integrators
+            elif not structure.integrators:
                 want[structure.states :] = 1.0
-            value = float(want @ linear.coefficients[s])
+            value = float(want @ self.trial.linear[o].coefficients[s])
             if not structure.integrators:  # what the first command gives at rest is not offset
-                at_rest = self._static_gain(o) @ problem.record.u[problem.stretches[s].start]
-                value -= float(at_rest)
+                first = problem.record.u[problem.stretches[s].start]
+                value -= float(self._static_gain(o, self._vector) @ first)
+                for k in range(direct.size if first.any() else 0):
+                    step = np.zeros(direct.size)
+                    step[k] = 1e-6 * max(abs(self._vector[k]), 1e-3)
+                    change = self._static_gain(o, self._vector + step) - self._static_gain(o, self._vector - step)
+                    direct[k] = -float(change @ first) / (2.0 * step[k])
             row = (want @ part.back) @ part.basis.T
+            own = variance * float(row @ row)
+            if not white:
+                own = max(own, float(_long_run((row * self.residuals(o)[s])[:, None])[0, 0]))
             spread = direct - row @ block
-            result.append((value, float(np.sqrt(max(float(variance * (row @ row) + spread @ self._fitted_covariance @ spread), 0.0)))))
+            result.append((value, max(own + float(spread @ self._fitted_covariance @ spread), 0.0) ** 0.5))
         return result
 
-    def _static_gain(self, o: int) -> Array:
+    def _static_gain(self, o: int, vector: Array) -> Array:
         """Final value per unit of each input, (m,)."""
         p = self.problem
-        structure, theta = p.structures[o], self.trial.theta[p.slices[o]]
-        gains = np.split(self.trial.linear[o].gains, p.record.u.shape[1])
+        structure, theta = p.structures[o], vector[p.slices[o]]
+        gains = np.split(self._gains(vector)[o], p.record.u.shape[1])
         den = structure.denominator(theta, p.scale)
         return np.array([structure.numerator(theta, each, p.scale)[-1] / den[-1] for each in gains])
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,10 +12,11 @@ from scipy.signal import ss2tf
 
 from foreswitch import _check
 from foreswitch._check import Array
+from foreswitch._csv import write_columns
 from foreswitch._text import tree
 from foreswitch.estimate import Estimate
 from foreswitch.fitting import Problem, Trial
-from foreswitch.hardware import Hardware
+from foreswitch.hardware import Hardware, sensor_range
 from foreswitch.plant import Plant
 from foreswitch.record import Record
 from foreswitch.response import Grid
@@ -22,12 +24,20 @@ from foreswitch.structure import Structure
 
 __all__ = ["PulseTest", "propose_test"]
 
-#: Time constants (of all that decays) between the end of a pulse and the next.
-SETTLED = 4.0
-#: Widths tried, from one period to this many time constants.
+#: Slowest time constants between the end of a pulse and the next. Four would let the plant settle, and a test of an oven
+#: would take three times as long for the same dead time.
+REST = 1.0
+#: Widths tried, from one period to this many slowest time constants.
 WIDTHS, WIDEST = 12, 3.0
+#: Quiet time before the pulses of an integrating plant, in shares of theirs: under regular pulses gain and drift look
+#: alike, and only there does the drift show alone.
+QUIET = 0.25
 #: Pulses of the pilot test that each width is judged by, and the fewest and most proposed.
 PILOT, FEWEST, MOST = 8, 4, 10000
+#: Samples per pulse above which a test is not computed.
+DENSE = 20000
+#: A pole this near to zero, in units of the fastest, integrates.
+ZERO = 1e-6
 
 
 @dataclass(frozen=True)
@@ -47,7 +57,7 @@ class PulseTest:
     low, high : float
         Levels between and in the pulses.
     predicted : dict
-        Standard error that each parameter will have, by name; empty if the test was not proposed for a model.
+        Standard error that each parameter will have, by name; None if the test was not proposed for a model.
     """
 
     Ts: float
@@ -68,9 +78,9 @@ class PulseTest:
                 f"width is {self.width:g} s and spacing {self.spacing:g} s; a pulse lasts at least Ts = {self.Ts:g} s "
                 "and ends at least Ts before the next"
             )
-        if not 1 <= self.number <= MOST or self.number != int(self.number):
+        if not 1 <= _check.number("number", self.number) <= MOST or self.number != int(self.number):
             raise ValueError(f"number is {self.number}; give 1 to {MOST} pulses")
-        if self.low == self.high:
+        if _check.number("low", self.low) == _check.number("high", self.high):
             raise ValueError(f"low and high are both {self.low:g}; give two levels")
 
     @property
@@ -85,11 +95,22 @@ class PulseTest:
 
     @property
     def u(self) -> Array:
-        """Command at each instant, held to the next."""
-        since = np.mod(self.t - self.lead + 1e-9 * self.Ts, self.spacing)
-        inside = (self.t >= self.lead - 1e-9 * self.Ts) & (since < self.width - 1e-6 * self.Ts)
-        inside &= self.t < self.duration - 1e-9 * self.Ts
-        return np.where(inside, self.high, self.low)
+        """Command at each instant, held to the next. Every pulse begins at the first instant that is not too early."""
+        u = np.full(self.t.size, self.low)
+        last = max(1, round(self.width / self.Ts))
+        for i in range(self.number):
+            start = _check.periods(self.lead + i * self.spacing, self.Ts)
+            u[start : start + last] = self.high
+        return u
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the commands as CSV, time and command, for the rig's logger.
+
+        Parameters
+        ----------
+        path : path
+        """
+        write_columns(path, {"t": self.t, "u": self.u})
 
     def rehearse(
         self,
@@ -109,9 +130,9 @@ class PulseTest:
         noise : float or array_like, shape (q,)
             Standard deviation of the measured outputs.
         hardware : Hardware, optional
-            ``opening``, ``closing``, ``quantum``, ``low`` and ``high`` are used.
+            Travel times of the actuator, quantum and range of the sensor.
         x0 : array_like, shape (n,), optional
-            Initial state; default zero.
+            Initial state. Default: at rest under ``low``, or zero if the plant integrates.
         seed : int, optional
             Of the noise.
 
@@ -122,28 +143,70 @@ class PulseTest:
         Raises
         ------
         ValueError
-            If the plant has several inputs or a shape does not fit.
+            If the plant has several inputs, a shape does not fit, the actuator is too slow for the pulses, or
+            ``hardware`` holds something else.
         """
         if plant.inputs != 1:
             raise ValueError(f"plant has {plant.inputs} inputs; rehearse each input with a plant of that one")
         rig, q = hardware or Hardware(), plant.outputs
+        for name in ("stuck", "process_noise", "drift", "missing", "late", "outages"):
+            if np.any(getattr(rig, name)):
+                raise ValueError(f"hardware has {name}; a rehearsal knows opening, closing, quantum, low and high only")
         deviation = _check.per("noise", noise, q, "output", least=0.0)
-        start = np.zeros(plant.states) if x0 is None else _check.array("x0", x0, (plant.states,))
+        start = _rest(plant, self.low) if x0 is None else _check.array("x0", x0, (plant.states,))
         t, u = self.t, self.u
         x = _travelled(plant, t, u, rig, start)
         y = x @ plant.C.T + plant.y_offset + deviation * np.random.default_rng(seed).standard_normal((t.size, q))
         quantum = _check.per("quantum", rig.quantum, q, "output")
-        y = np.where(quantum > 0, np.round(y / np.where(quantum > 0, quantum, 1.0)) * quantum, y)
-        y = np.clip(y, -np.inf if rig.low is None else rig.low, np.inf if rig.high is None else rig.high)
+        y = np.where(quantum > 0, np.floor(y / np.where(quantum > 0, quantum, 1.0) + 0.5) * quantum, y)
+        y = np.clip(y, *sensor_range(rig, q))
         return Record(t, u, y, input_names=plant.input_names, output_names=plant.output_names)
+
+    def errors(self, plant: Plant, noise: float) -> dict[str, float]:
+        """The standard errors that a fit of the plant's own structure to this test's record will have.
+
+        They follow from the sensitivities of the output to every parameter, offset and initial state (Cramer and Rao),
+        and of an integrating plant to its operating point.
+
+        Parameters
+        ----------
+        plant : Plant
+            One input, one output; integrators, lags and oscillating pairs.
+        noise : float
+            Standard deviation of the measurement.
+
+        Returns
+        -------
+        dict
+            By the names of `Fit.parameters`.
+
+        Raises
+        ------
+        ValueError
+            If the plant is of another kind.
+        """
+        return {name: error for name, (_, error) in _expected(self, plant, noise).items()}
 
     def __repr__(self) -> str:
         lines = [
             f"pulses     {self.number} of {self.width:g} s, every {self.spacing:g} s, levels {self.low:g} and {self.high:g}",
             f"record     {self.duration:g} s, a sample every {self.Ts:g} s",
         ]
-        lines += [f"{name:<9}  known to {error:.2g} after it" for name, error in (self.predicted or {}).items()]
+        lines += [f"{name:<9}  to be known to {error:.2g}" for name, error in (self.predicted or {}).items()]
         return tree("PulseTest", lines)
+
+
+def _integrates(plant: Plant) -> bool:
+    size = np.abs(plant.poles)
+    return bool((size <= ZERO * size.max()).any())
+
+
+def _rest(plant: Plant, level: float) -> Array:
+    """The state after a long time under a level; zero if there is none."""
+    if _integrates(plant):
+        return np.zeros(plant.states)
+    result: Array = -np.linalg.solve(plant.A, plant.B[:, 0] * (level - plant.u_offset[0]))
+    return result
 
 
 def _travelled(plant: Plant, t: Array, u: Array, rig: Hardware, start: Array) -> Array:
@@ -173,14 +236,12 @@ def propose_test(
     *,
     noise: float,
     delay_error: float,
+    relative_error: float = 0.05,
     levels: Sequence[float] = (0.0, 1.0),
     travel: float | None = None,
     longest: float | None = None,
 ) -> PulseTest:
-    """The shortest pulse test that measures the dead time to a wanted standard error.
-
-    The errors of a trial test follow from the sensitivities of the output to every parameter, offset and initial state
-    (Cramer and Rao); they fall with the square root of the number of pulses.
+    """The shortest pulse test that measures a plant to wanted standard errors, see `PulseTest.errors`.
 
     Parameters
     ----------
@@ -192,10 +253,12 @@ def propose_test(
         Standard deviation of the measurement.
     delay_error : float
         Wanted standard error of the dead time [s].
+    relative_error : float
+        Wanted standard error of every other parameter, as a share of it.
     levels : (float, float)
         Between and in the pulses.
     travel : float, optional
-        Range that the output may sweep, over one pulse of a plant that returns, over all of one that integrates.
+        Range that the output may sweep during the test.
     longest : float, optional
         Longest record allowed [s].
 
@@ -208,89 +271,145 @@ def propose_test(
     ------
     ValueError
         If an argument is out of range, or no test within ``travel`` and ``longest`` gets there; the sentence says
-        what the best one reaches.
+        what the best one measures.
 
     Examples
     --------
     >>> rough = Plant.integrator_lag(15000.0, 0.008, 0.004)
     >>> propose_test(rough, 1e-3, noise=2.0, delay_error=2e-4, travel=1000.0)
+    PulseTest
+    ├─ pulses     4 of 0.005 s, every 0.017 s, levels 0 and 1
+    ├─ record     0.085 s, a sample every 0.001 s
+    ├─ c          to be known to 0.00029
+    ├─ k          to be known to 4.5e+02
+    └─ delay      to be known to 0.00015
     """
-    if plant.inputs != 1 or plant.outputs != 1:
-        raise ValueError(f"plant has {plant.inputs} inputs and {plant.outputs} outputs; give a plant with one of each")
     Ts = _check.number("Ts", Ts, above=0.0)
     noise = _check.number("noise", noise, above=0.0)
     wanted = _check.number("delay_error", delay_error, above=0.0)
-    if len(levels) != 2:
-        raise ValueError(f"levels is {list(levels)}; give the level between the pulses and the one in them")
+    share = _check.number("relative_error", relative_error, above=0.0)
+    for name, limit in (("travel", travel), ("longest", longest)):
+        if limit is not None:
+            _check.number(name, limit, above=0.0)
+    if np.shape(levels) != (2,):
+        raise ValueError(f"levels is {levels!r}; give the level between the pulses and the one in them")
     low, high = (_check.number("levels", level) for level in levels)
-    times = [1.0 / abs(pole.real) for pole in plant.poles if pole.real < -1e-9 * np.abs(plant.poles).max(initial=1e-300)]
-    slowest = max([Ts, *times])
-    rest = float(plant.input_delay[0]) + SETTLED * slowest
-    reached: list[tuple[float, PulseTest]] = []
-    for width in np.unique(np.round(np.geomspace(Ts, max(Ts, WIDEST * slowest), WIDTHS) / Ts)) * Ts:
-        spacing = Ts * np.ceil((width + rest) / Ts)
-        pilot = PulseTest(Ts, float(width), float(spacing), PILOT, float(spacing), low, high)
-        swept, error = _sweep(plant, pilot), _errors(plant, pilot, noise)["delay"]
-        number = int(np.ceil(max(FEWEST, PILOT * (error / wanted) ** 2)))
-        integrates = bool((np.abs(plant.poles) < 1e-9 * np.abs(plant.poles).max(initial=1e-300)).any())
-        most = MOST
-        if travel is not None:
-            most = int(travel / swept * PILOT) if integrates else MOST if swept <= travel else 0
-        if longest is not None:
-            most = min(most, int(longest / spacing) - 1)
-        if min(number, most) >= FEWEST:
-            test = PulseTest(Ts, float(width), float(spacing), min(number, most), float(spacing), low, high)
-            reached.append((error * np.sqrt(PILOT / test.number), test))
-    if not reached:
-        raise ValueError(
-            f"travel is {travel} and longest {longest}; not even {FEWEST} pulses fit, allow more or sample faster"
-        )
-    able = [test for error, test in reached if error <= wanted * (1.0 + 1e-9)]
-    if not able:
-        error, test = min(reached, key=lambda item: item[0])
-        raise ValueError(
-            f"delay_error is {wanted:g}; within travel = {travel} and longest = {longest} the best test, {test.number} "
-            f"pulses of {test.width:g} s, reaches {error:.2g} s: allow more, or reduce the noise"
-        )
-    best = min(able, key=lambda test: test.duration)
-    while True:  # the square-root law leaves out what offset and initial state cost a short record
-        predicted = _errors(plant, best, noise)
-        if predicted["delay"] <= wanted or best.number >= MOST:
-            break
-        best = _longer(best)
-    return PulseTest(best.Ts, best.width, best.spacing, best.number, best.lead, low, high, predicted)
+    limits = f"travel {travel or 'unlimited'} and longest {longest or 'unlimited'}"
+    search = _Search(plant, Ts, noise, wanted, share, (low, high), travel, longest)
+    best: tuple[float, PulseTest] | None = None
+    for start in search.starts():
+        score, test = search.grown(start)
+        if score <= 1.0:
+            return test
+        if best is None or score < best[0]:
+            best = score, test
+    if best is None:
+        raise ValueError(f"not even {FEWEST} pulses fit into {limits}; allow more, or sample faster")
+    reached = ", ".join(f"{name} to {error:.2g}" for name, error in (best[1].predicted or {}).items())
+    raise ValueError(
+        f"delay_error is {wanted:g} s and relative_error {share:g}; the best test within {limits}, {best[1].number} "
+        f"pulses of {best[1].width:g} s, measures {reached}: allow more, or reduce the noise"
+    )
 
 
-def _longer(test: PulseTest) -> PulseTest:
-    number = min(MOST, test.number + max(1, test.number // 10))
-    return PulseTest(test.Ts, test.width, test.spacing, number, test.lead, test.low, test.high)
+@dataclass(frozen=True)
+class _Search:
+    """Trial tests of one plant and what they would tell."""
+
+    plant: Plant
+    Ts: float
+    noise: float
+    delay_error: float
+    relative_error: float
+    levels: tuple[float, float]
+    travel: float | None
+    longest: float | None
+
+    def test(self, width: float, number: int) -> PulseTest:
+        delay = float(self.plant.input_delay[0])
+        spacing = self.Ts * float(np.ceil((width + delay + REST * self.slowest) / self.Ts - 1e-9))
+        quiet = max(1, int(np.ceil(QUIET * number))) if _integrates(self.plant) else 1
+        return PulseTest(self.Ts, width, spacing, number, quiet * spacing, *self.levels)
+
+    @property
+    def slowest(self) -> float:
+        """Time constant of all that decays [s]."""
+        rates = np.abs(self.plant.poles[np.abs(self.plant.poles) > ZERO * np.abs(self.plant.poles).max()].real)
+        return float(max([self.Ts, *(1.0 / rates)]))
+
+    def starts(self) -> list[PulseTest]:
+        """A test of each width, its number of pulses by the square-root law; those that promise most first."""
+        delay = float(self.plant.input_delay[0])
+        samples = (self.slowest + delay) / self.Ts
+        if samples > DENSE:
+            raise ValueError(
+                f"Ts is {self.Ts:g} s; one pulse of this plant would be {samples:.0f} samples: give a longer Ts, and of "
+                "the samples in it the average, whose noise is smaller"
+            )
+        widest = WIDEST * max(self.slowest, delay, 10.0 * self.Ts)
+        found = []
+        for width in np.unique(np.round(np.geomspace(self.Ts, widest, WIDTHS) / self.Ts)) * self.Ts:
+            pilot = self.test(float(width), PILOT)
+            score, _ = self.judged(pilot)
+            test = self.limited(pilot, int(np.ceil(min(max(FEWEST, PILOT * score**2), MOST))))
+            if test is not None:
+                found.append((max(score * np.sqrt(PILOT / test.number), 1.001), test.duration, test))
+        return [test for *_, test in sorted(found, key=lambda item: item[:2])]
+
+    def limited(self, like: PulseTest, number: int) -> PulseTest | None:
+        """A test of so many pulses, or of as many as travel and longest allow; None if they are too few."""
+        while number >= FEWEST:
+            test = self.test(like.width, number)
+            over = 1.0
+            if self.longest is not None:
+                over = test.duration / self.longest
+            if self.travel is not None and over <= 1.0 + 1e-9:
+                over = float(np.ptp(test.rehearse(self.plant).y)) / self.travel
+            if over <= 1.0 + 1e-9:
+                return test
+            number = FEWEST if FEWEST < number < FEWEST * over else min(number - 1, int(number / over))
+        return None
+
+    def grown(self, test: PulseTest) -> tuple[float, PulseTest]:
+        """With as many more pulses as the law left out: offset and initial state cost a short record more."""
+        while True:
+            score, predicted = self.judged(test)
+            longer = self.limited(test, min(MOST, test.number + max(1, test.number // 10)))
+            if score <= 1.0 or longer is None or longer.number <= test.number:
+                return score, replace(test, predicted=predicted)
+            test = longer
+
+    def judged(self, test: PulseTest) -> tuple[float, dict[str, float]]:
+        """The largest standard error in units of what is wanted, and all of them by name."""
+        expected = _expected(test, self.plant, self.noise)
+        wanted = {name: self.relative_error * abs(value) for name, (value, _) in expected.items()}
+        wanted["delay"] = self.delay_error
+        errors = {name: error for name, (_, error) in expected.items()}
+        return max(errors[name] / wanted[name] for name in errors), errors
 
 
-def _sweep(plant: Plant, test: PulseTest) -> float:
-    """Range of the output over the test."""
-    y = test.rehearse(plant.replace(u_offset=test.low, y_offset=0.0)).y
-    return float(np.ptp(y))
-
-
-def _errors(plant: Plant, test: PulseTest, noise: float) -> dict[str, float]:
-    """Standard error of each parameter after the test, for the plant's own structure."""
-    record = test.rehearse(plant.replace(u_offset=test.low), noise=noise)
+def _expected(test: PulseTest, plant: Plant, noise: float) -> dict[str, tuple[float, float]]:
+    """Value and standard error of each parameter."""
     structure, theta = _structure(plant)
-    problem = Problem(record, [structure], [False], [0], float("inf"))
+    noise = _check.number("noise", noise, above=0.0)
+    record = test.rehearse(plant, noise=noise)
+    problem = Problem(record, [structure], [_integrates(plant)], [0], float("inf"))
     estimate = Estimate(Trial(problem, np.r_[theta, plant.input_delay]))
     # the residuals of this one record scatter; the noise is known
     factor = noise / np.sqrt(estimate.variance(0))
-    return {name: float(error * factor) for name, error in estimate.errors.items()}
+    return {name: (float(estimate.values[name]), float(error * factor)) for name, error in estimate.errors.items()}
 
 
 def _structure(plant: Plant) -> tuple[Structure, Array]:
     """The chain that a plant is, and its parameters."""
+    if plant.inputs != 1 or plant.outputs != 1:
+        raise ValueError(f"plant has {plant.inputs} inputs and {plant.outputs} outputs; give a plant with one of each")
     num, _ = ss2tf(plant.A, plant.B, plant.C, np.zeros((1, 1)))
     size = np.abs(num[0]).max()
     poles = plant.poles
     unit = np.abs(poles).max(initial=1e-300)
-    zero, pairs = np.abs(poles) < 1e-9 * unit, poles[poles.imag > 1e-9 * unit]
-    real = poles[(np.abs(poles.imag) <= 1e-9 * unit) & ~zero].real
+    zero, pairs = np.abs(poles) < ZERO * unit, poles[poles.imag > ZERO * unit]
+    real = poles[(np.abs(poles.imag) <= ZERO * unit) & ~zero].real
     if (np.abs(num[0, :-1]) > 1e-9 * size).any() or (real > 0).any() or (pairs.real >= 0).any() or zero.sum() > 2:
         raise ValueError(
             "plant has zeros or unstable poles; give a rough model of integrators, lags and oscillating pairs"

@@ -94,7 +94,7 @@ class Fit:
         order, and ``delay`` [s]; with several inputs or outputs the names carry their numbers, ``K_12`` from input 2
         to output 1.
     fit_percent : float or ndarray, shape (q,)
-        100 (1 - |residual| / |y - mean|).
+        ``100 (1 - |residual| / |y - mean|)``.
     candidates : list of Candidate
         The structures compared, best criterion first.
     record : Record

@@ -7,6 +7,7 @@ Kaufman's Jacobian), and offset and drift are removed as part of the fit, not be
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -30,6 +31,10 @@ TIMES = 12
 DELAYS = 60
 #: Starts followed, of a free order up to so many with dead times that differ by this share.
 BEST, VALLEYS, APART = 3, 12, 0.25
+#: A dead time below this share of a sampling interval is none: the solver stops short of its bound.
+NOTHING = 1e-6
+#: Starts whose inputs get dead times of their own.
+REFINED = 6
 #: Dead times tried again with the poles found.
 AGAIN = 100
 #: Step of the central difference in a nonlinear parameter, which is of order one.
@@ -107,7 +112,7 @@ class Problem:
         self.longest = max(float(grid.t[-1]) for grid in self.grids)
         self.sigma = np.ones(len(self.outputs))
         edges = np.cumsum([0] + [len(structure.names) for structure in self.structures])
-        self.slices = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        self.slices = [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
         self.delays = slice(int(edges[-1]), int(edges[-1]) + record.u.shape[1])
 
     def bounds(self) -> tuple[Array, Array]:
@@ -279,7 +284,9 @@ def solve(problem: Problem, starts: Sequence[Array]) -> Trial:
             for start in found
         ]  # fmt: skip
         found = [descent.x for descent in sorted(descents, key=lambda descent: float(descent.cost))[:survivors]]
-    return Trial(problem, problem.ordered(found[0]))
+    best = problem.ordered(found[0])
+    best[problem.delays][best[problem.delays] < NOTHING * problem.shortest] = 0.0
+    return Trial(problem, best)
 
 
 class _Trials:
@@ -320,21 +327,20 @@ def search(problem: Problem) -> Trial:
 
 
 def _scan(problem: Problem) -> list[Array]:
-    """Starts from a grid of time constants and dead times."""
+    """Starts from a grid of time constants and dead times, first common to all inputs, then each input's own."""
     structure, m = problem.structures[0], problem.record.u.shape[1]
-    found = []
+    found: list[tuple[float, Array, Array]] = []
     times = np.geomspace(problem.shortest / 3.0, problem.longest, TIMES) if structure.names else [problem.shortest]
     for time in times:
         grid = _delay_grid(problem, float(time))
         for theta in structure.starts(float(time), problem.scale):
             cost = _profile(problem, theta)
             costs = np.array([cost(np.full(m, delay)) for delay in grid])
-            trials = [(costs[i], np.full(m, grid[i])) for i in _valleys(costs)]
-            for j in range(m if m > 1 else 0):
-                near = [np.r_[trials[0][1][:j], delay, trials[0][1][j + 1 :]] for delay in grid]
-                trials[0] = min([trials[0], *((cost(delays), delays) for delays in near)], key=lambda item: item[0])
-            found += [(value, np.concatenate([theta, delays])) for value, delays in trials]
-    starts = [start for _, start in sorted(found, key=lambda item: item[0])]
+            found += [(costs[i], np.r_[theta, np.full(m, grid[i])], grid) for i in _valleys(costs)]
+    found.sort(key=lambda item: item[0])
+    if m > 1:
+        found[:REFINED] = sorted((_own_delays(problem, *item) for item in found[:REFINED]), key=lambda item: item[0])
+    starts = [start for _, start, _ in found]
     result = starts[:BEST]
     for start in starts[BEST:] if structure.order else ():
         here = start[problem.delays]
@@ -342,6 +348,18 @@ def _scan(problem: Problem) -> list[Array]:
         if len(result) < VALLEYS and all((np.abs(here - other[problem.delays]) > far).any() for other in result):
             result.append(start)
     return result
+
+
+def _own_delays(problem: Problem, value: float, start: Array, grid: Array) -> tuple[float, Array, Array]:
+    """One input after the other at its best dead time on the grid."""
+    cost = _profile(problem, start[problem.slices[0]])
+    for k in range(problem.delays.start, problem.delays.stop):
+        for delay in grid:
+            trial = np.r_[start[:k], delay, start[k + 1 :]]
+            now = cost(trial[problem.delays])
+            if now < value:
+                value, start = now, trial
+    return value, start, grid
 
 
 def _profile(problem: Problem, theta: Array) -> Callable[[Array], float]:

@@ -23,8 +23,13 @@ COARSE = 6000
 HELD_BACK = 2.0
 #: A drift must lower that error by this factor: it passes for a slow lag, and under regular pulses for a gain.
 EARNED = 1.2
+#: Changes that every input must make before a drift is tried on a plant that does not integrate: with fewer, drift, slow
+#: lag and nonlinearity are one, and extrapolating them is a disaster.
+TELLING = 10
+#: Criteria this close are a tie, which the fewest unknowns win.
+TIE = 10.0
 #: Largest dead time looked for, in shares of the longest segment.
-LONGEST_DELAY = 0.25
+LONGEST_DELAY = 0.1
 
 
 Progress = Callable[[float, str], None]
@@ -54,7 +59,7 @@ def identify(
         Whether the output drifts linearly (of an integrator: whether its input has an offset). Default: if the
         information criterion says so.
     longest_delay : float, optional
-        Largest dead time to consider [s]. Default: a quarter of the longest segment.
+        Largest dead time to consider [s]. Default: a tenth of the longest segment.
     held_back : float
         Share of the record, its end, on which structures are compared after fitting the rest; 0: none.
     progress : callable, optional
@@ -113,8 +118,14 @@ class _Search:
         used = np.flatnonzero(record.used)
         share = min(1.0, COARSE / used.size)
         self.coarse = np.random.default_rng(0).random(record.t.size) < share  # one period could beat with the pulses
-        self.train = np.zeros(record.t.size, dtype=bool)
-        self.train[used[: int(np.ceil((1.0 - held_back) * used.size))]] = True
+        changes = [record.edges(j) for j in range(record.u.shape[1])]
+        self.telling = min(each.size for each in changes) >= TELLING
+        cut = int(used[min(int((1.0 - held_back) * used.size), used.size - 1)])
+        later = np.concatenate(changes)
+        later = later[later > max(int(each[0]) for each in changes)]
+        if later.size and len(record.segments) == 1:  # a stretch without a change judges the tail of a decay only
+            cut = int(later[np.argmin(np.abs(later - cut))])
+        self.train = np.arange(record.t.size) < cut
 
     def problem(self, structures: Sequence[Structure], drift: Sequence[bool], outputs: Sequence[int],
                 keep: NDArray[np.bool_]) -> Problem:  # fmt: skip
@@ -132,7 +143,8 @@ class _Search:
         structures = [Structure.parse(item) for item in (STRUCTURES if name == "auto" else (name,))]
         found: list[Estimate] = []
         for i, structure in enumerate(structures):
-            for drift in self.drifts:
+            hidden = len(structures) > 1 and not self.telling and not structure.integrators
+            for drift in self.drifts[:1] if hidden else self.drifts:
                 self.report(span[0] + (span[1] - span[0]) * i / len(structures), f"fitting {structure}")
                 try:
                     found.append(self._fit(o, structure, drift))
@@ -148,7 +160,8 @@ class _Search:
         limit = HELD_BACK * np.nanmin(errors) if np.isfinite(errors).any() else np.inf
         able = [i for i, error in enumerate(errors) if not error > limit]
         able = [i for i in able if not self._vain(found, errors, i)] or able
-        chosen = min(able, key=lambda i: criteria[i])
+        close = min(criteria[i] for i in able) + TIE
+        chosen = min((i for i in able if criteria[i] <= close), key=lambda i: (found[i].unknowns(0), criteria[i]))
         table = [
             Candidate(self.record.output_names[o], str(found[i].problem.structures[0]), found[i].problem.drift[0],
                       criteria[i] - min(criteria), errors[i], float(found[i].fit_percent(0)), bool(i == chosen))
@@ -161,7 +174,9 @@ class _Search:
         """Whether a drift only hides what the structure misses: it predicts no better than none."""
         problem = found[i].problem
         return problem.drift[0] and any(
-            other.problem.structures == problem.structures and not other.problem.drift[0] and error <= EARNED * errors[i]
+            other.problem.structures == problem.structures
+            and not other.problem.drift[0]
+            and error <= EARNED * errors[i]
             for other, error in zip(found, errors, strict=True)
         )
 

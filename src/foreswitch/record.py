@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,8 @@ class Record:
     t : array_like, shape (N,)
         Instants [s], ascending within each segment, evenly spaced or not.
     u : array_like, shape (N,) or (N, m)
-        Commands; each holds from its instant to the next one.
+        Commands; each holds from its instant to the next one. The first of a segment must have held for as long as
+        the dead time before: begin a record before the first switching.
     y : array_like, shape (N,) or (N, q)
         Measurements at the instants.
     segments : array_like, shape (N,), optional
@@ -170,7 +172,7 @@ class Record:
         for name in ("t", "u", "y", "used"):
             setattr(joined, name, np.concatenate([getattr(part, name)[s] for part in parts for s in part.segments]))
         edges = np.r_[0, np.cumsum([label.size for label in labels])]
-        joined._segments = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        joined._segments = [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
         return joined
 
     def between(self, start: float, end: float) -> Record:
@@ -257,7 +259,7 @@ class Record:
         """Segments between the edges, cut again where a command is missing in a skipped stretch."""
         missing = ~np.isfinite(self.u).all(axis=1) & ~self.used
         result = []
-        for start, end in zip(edges[:-1], edges[1:], strict=True):
+        for start, end in itertools.pairwise(edges):
             known = np.flatnonzero(~missing[start:end]) + start
             for run in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
                 if run.size >= 2:

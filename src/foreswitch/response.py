@@ -7,7 +7,6 @@ the input changes, and then carried from the sample before ``t - L`` to ``t - L`
 from __future__ import annotations
 
 import numpy as np
-
 from numpy.typing import NDArray
 
 from foreswitch import _response
@@ -28,31 +27,29 @@ class Tables:
         low, high = float(h.min()), float(h.max())
         rate = float(np.abs(A).sum(axis=1).max() + np.abs(b).max())
         cells = int((high - low) * rate / (2.0 * SHORT)) + 1
-        self.over = np.empty(0)
-        if low == high:
-            lengths, self.which = h[:1], np.zeros(h.size, dtype=np.uint32)
-        elif cells >= h.size:
-            lengths, self.which = h, np.arange(h.size, dtype=np.uint32)
-        else:
-            width = (high - low) / cells
-            self.which = np.minimum((h - low) / width, cells - 1).astype(np.uint32)
-            lengths = low + width * (np.arange(cells) + 0.5)
-            self.over = h - lengths[self.which]
-        self._discretise(A, b, np.ascontiguousarray(lengths))
+        if cells >= h.size and low < high:
+            self._allocate(A, b, h.size)
+            self.which, self.over = np.arange(h.size, dtype=np.uint32), np.empty(0)
+            _response.discretise(self.A, b, np.ascontiguousarray(h), self.phi, self.gamma)
+            return
+        width = (high - low) / cells
+        self._allocate(A, b, cells)
+        _response.discretise_evenly(self.A, b, low + 0.5 * width, width, self.phi, self.gamma)
+        self.which = np.minimum((h - low) / (width or 1.0), cells - 1).astype(np.uint32)
+        self.over = h - (low + width * (self.which + 0.5)) if width else np.empty(0)
 
     @classmethod
     def even(cls, A: Array, b: Array, length: float, count: int) -> Tables:
         """One table for all intervals."""
         result = object.__new__(cls)
-        result.over, result.which = np.empty(0), np.zeros(count, dtype=np.uint32)
-        result._discretise(A, b, np.array([length]))
+        result._allocate(A, b, 1)
+        _response.discretise(result.A, b, np.array([length]), result.phi, result.gamma)
+        result.which, result.over = np.zeros(count, dtype=np.uint32), np.empty(0)
         return result
 
-    def _discretise(self, A: Array, b: Array, lengths: Array) -> None:
-        n = b.size
+    def _allocate(self, A: Array, b: Array, count: int) -> None:
         self.A, self.b = np.ascontiguousarray(A), b
-        self.phi, self.gamma = np.empty((lengths.size, n, n)), np.empty((lengths.size, n))
-        _response.discretise(self.A, b, lengths, self.phi, self.gamma)
+        self.phi, self.gamma = np.empty((count, b.size, b.size)), np.empty((count, b.size))
 
     @property
     def arrays(self) -> tuple[Array, Array, Array, Array, NDArray[np.uint32], Array]:

@@ -478,6 +478,7 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
     enum { RESTART, EXPAND, BACKTRACK } next = RESTART;
     fsw_real bound = 0; /* costs and bounds are above V_0, which changes with the prices */
     natural k = 0, c = present;
+    int dived = 0; /* the first descent has ended: without it, a plan would only ever be followed, never revised */
     if (warm && last > 1) { /* else the first descent is as good */
         root(h, s, n, m, wait);
         answer.excess = follow(h, s, n, m, C, present, timed, warm);
@@ -500,11 +501,12 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
         next = BACKTRACK;
         const natural open = s->u.tree.next[k];
         if (open == s->u.tree.count[k] || !(s->u.tree.bound[k][open] < answer.excess)) {
+            dived = 1;
             if (k-- > 0) continue;
             answer.optimal = answer.found;
             return answer;
         }
-        if (answer.found && answer.nodes >= pause) {
+        if (answer.found && dived && answer.nodes >= pause) {
             if (answer.nodes >= budget) break;
             pause = budget;
             if (leaves_hull(h, s, present)) {
@@ -541,6 +543,7 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
         for (natural i = 0; i <= last; i++) s->best[i] = s->u.tree.path[i];
         answer.excess = bound;
         answer.found = 1;
+        dived = 1;
         if (bound > h->far && pause < budget) pause = answer.nodes < budget ? answer.nodes : budget;
     }
     answer.gap = answer.excess - least_open(s, k, answer.excess);

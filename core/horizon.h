@@ -161,7 +161,7 @@ void fsw_horizon_prepare(const fsw_horizon *horizon, fsw_horizon_scratch *scratc
 /* Search. present: the candidate in force; wait [inputs]: periods each input must still keep its level; warm [moves]: a
  * sequence to start from (an inadmissible one is only followed as far as it goes), or null; first: the candidate that
  * must come first, or `candidates` for any.
- * The first sequence is completed whatever the budget; then the search ends after node_budget nodes. Keeping every
+ * The first descent is completed whatever the budget; then the search ends after node_budget nodes. Keeping every
  * level is always admissible, so there is an answer, and more budget never makes it dearer. */
 fsw_horizon_answer fsw_horizon_search(const fsw_horizon *horizon, fsw_horizon_scratch *scratch, uint8_t present,
                                       const uint32_t *wait, const uint8_t *warm, uint8_t first, uint32_t node_budget);

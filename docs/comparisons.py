@@ -7,14 +7,30 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
+import warnings
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import ticker
 
 from foreswitch import plot, report
-from foreswitch.compare import Comparison, compare, on_share, switching_rate, total_rms
+from foreswitch.compare import (
+    COLOURS,
+    KINDS,
+    NODE_BUDGET,
+    Comparison,
+    compare,
+    horizon_settings,
+    on_share,
+    price_curve,
+    switching_rate,
+    total_rms,
+)
 from foreswitch.project import Project
+from foreswitch.run import Run
 
 ROOT = Path(__file__).resolve().parent.parent
 #: The longest first.
@@ -23,8 +39,9 @@ EXAMPLES = ("attitude", "inverter", "oven", "chamber", "hot_gas")
 BUDGET = 150
 #: Short names of the laws, for numbers in the text.
 SHORT = {
-    "predictive": "law", "predictive, preview": "ahead", "predictive, no preview": "now", "one step (Td = Ts)": "step",
-    "relay": "relay", "PI + PWM": "pi", "Smith + PWM": "smith",
+    "predictive": "law", "predictive, preview": "ahead", "predictive, no preview": "now", "one step, N = 1": "step",
+    "horizon, N = 5": "five", "horizon, N = 20": "twenty", "endpoint": "endpoint", "relay": "relay", "PI + PWM": "pi",
+    "Smith + PWM": "smith",
 }  # fmt: skip
 
 Values = dict[str, str]
@@ -46,12 +63,11 @@ def picture(comparison: Comparison, path: Path) -> None:
     worst = max(total_rms(comparison.runs[law]) for law in names)
     figure = plot.figure(size=(7.2, 3.4))
     axes = figure.axes[0]
-    colours = dict(zip(comparison.curves, plot.COLOURS, strict=False))
     for law, name in names.items():
         shown = sorted(point for point in points[law] if point[1] <= 5.0 * worst)
         line, here = np.array(shown), comparison.runs[law]
-        axes.plot(*line.T, color=colours[law], linewidth=0.9, alpha=0.8, marker="o", markersize=3.0)
-        axes.plot(switching_rate(here), total_rms(here), "o", color=colours[law], markersize=7.0, label=name)
+        axes.plot(*line.T, color=COLOURS[law], linewidth=0.9, alpha=0.8, marker="o", markersize=3.0)
+        axes.plot(switching_rate(here), total_rms(here), "o", color=COLOURS[law], markersize=7.0, label=name)
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):
@@ -65,16 +81,158 @@ def picture(comparison: Comparison, path: Path) -> None:
     figure.savefig(path, metadata={"Date": None})
 
 
+# What the horizon buys -----------------------------------------------------------------------------------------------
+
+HORIZONS = (1, 2, 5, 10, 20)
+#: Prices of a switch, in units of what one pulse changes in the cost.
+PRICES = (0.0, *np.geomspace(0.01, 300.0, 37))
+#: The tasks differ from the projects in this: all laws know the reference ahead; the currents start on it, so that the
+#: error is the ripple's and not the start's.
+TASKS: dict[str, dict[str, dict[str, Any]]] = {
+    "hot_gas": {"controller": {"preview": "lag"}},
+    "inverter": {"simulation": {"x0": [0.0, -20.0]}},
+}
+#: A horizon is enough where its error is at most this much above that of the best one.
+ENOUGH = 1.1
+SHADES = ("#8fd0f5", "#56B4E9", "#0072B2", "#00497a", "#00203a")
+STYLES = {
+    "endpoint": (COLOURS["predictive"], "s"), "relay": (COLOURS["relay"], "^"), "PI + PWM": (COLOURS["PI + PWM"], "D"),
+    "Smith + PWM": (COLOURS["Smith + PWM"], "v"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Point:
+    """A run: switching rate, error, time on; what a search took, and the share of its steps proven optimal [%]."""
+
+    rate: float
+    error: float
+    on: float
+    nodes: int
+    proven: float
+
+
+def point(run: Run) -> Point:
+    proven = 100.0 * float(np.mean(run.nodes < NODE_BUDGET))
+    return Point(switching_rate(run), total_rms(run), on_share(run), int(run.nodes.max()), proven)
+
+
+def trade(project: Project, comparison: Comparison) -> dict[str, list[Point]]:
+    """Points of every law: the horizons and the endpoint over the price of a switch, the baselines as compared."""
+    found = {}
+    for steps in HORIZONS:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a dwell beyond the horizon
+            law = project.build_controller(**horizon_settings(project, steps))
+        found[f"N = {steps}"] = price_curve(project, law, PRICES)
+    found["endpoint"] = price_curve(project, project.controller, PRICES)
+    found |= {law: comparison.curves[law] for law in KINDS}
+    return {law: [point(run) for _, run in curve] for law, curve in found.items()}
+
+
+def frontier(points: list[Point]) -> list[Point]:
+    """The runs that no other run of the law beats in both, by rising rate."""
+    kept: list[Point] = []
+    for p in sorted(points, key=lambda p: (p.rate, p.error)):
+        if not kept or p.error < kept[-1].error:
+            kept.append(p)
+    return kept
+
+
+def at(points: list[Point], rate: float) -> float | None:
+    """The error where the law's line in the picture crosses a switching rate; none left of its first point."""
+    best = frontier(points)
+    if rate < best[0].rate:
+        return None
+    logs = np.log([[p.rate, p.error] for p in best]).T
+    return float(np.exp(np.interp(np.log(rate), *logs)))
+
+
+def buys_picture(points: dict[str, list[Point]], rates: list[float], name: str, path: Path) -> None:
+    """Every run a dot; lines join those that no other run of the law beats in both."""
+    figure = plot.figure(size=(7.2, 3.8))
+    axes = figure.axes[0]
+    styles = {f"N = {N}": (shade, "o") for N, shade in zip(HORIZONS, SHADES, strict=True)} | STYLES
+    names = {law: law for law in points}
+    first, endpoint = ([(p.rate, p.error) for p in points[law]] for law in ("N = 1", "endpoint"))
+    if first == endpoint:  # one law, one line
+        names["N = 1"] += f" = {names.pop('endpoint')}"
+    for law, label in names.items():
+        (colour, mark), best = styles[law], frontier(points[law])
+        axes.plot([p.rate for p in points[law]], [p.error for p in points[law]], mark, color=colour, markersize=2.0,
+                  alpha=0.35)  # fmt: skip
+        axes.plot([p.rate for p in best], [p.error for p in best], color=colour, linewidth=1.2, marker=mark,
+                  markersize=3.2, label=label)  # fmt: skip
+    for rate, word in zip(rates, ("R", "R/2", "R/4"), strict=True):
+        axes.axvline(rate, color="0.75", linewidth=0.8, linestyle=":", zorder=0)
+        axes.text(
+            rate, 1.0, word, fontsize=7, color="0.4", ha="center", va="bottom", transform=axes.get_xaxis_transform()
+        )
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    everything = [p for law in names for p in points[law]]
+    slow = [found for law in points if law.startswith("N") if (found := at(points[law], rates[-1]))]
+    ends = [frontier(points[law])[-1] for law in names]  # every law shows its smallest error
+    axes.set_ylim(0.8 * min(p.error for p in everything), 1.5 * max([*slow, *(p.error for p in ends)]))
+    axes.set_xlim(0.8 * min(rates[-1] / 1.5, *(p.rate for p in ends)), 1.2 * max(p.rate for p in everything))
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_locator(ticker.LogLocator(subs=(2.0, 5.0)))
+        axis.set_minor_formatter("{x:g}")
+    axes.tick_params(which="minor", labelsize=8, length=3.5, pad=3.5)
+    axes.set_xlabel("switches per second", fontsize=9)
+    axes.set_ylabel(f"rms error, {name}", fontsize=9)
+    axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    figure.savefig(path, metadata={"Date": None})
+
+
+def buys(name: str, project: Project, comparison: Comparison, folder: Path) -> dict[str, Any]:
+    """Picture, table and figures: every horizon beside the endpoint law and the tuned baselines."""
+    points = trade(project, comparison)
+    own = switching_rate(comparison.runs["predictive"])
+    digit = 10.0 ** (np.floor(np.log10(own)) - 1.0)
+    rate = float(np.ceil(own / digit) * digit)  # two digits, rounded up
+    rates = [rate, rate / 2.0, rate / 4.0]
+    buys_picture(points, rates, ", ".join(project.plant.output_names), folder / f"{name}_horizon.svg")
+    rows, errors = [], {}
+    for law, dots in points.items():
+        errors[law] = [at(dots, each) for each in rates]
+        searched = law not in KINDS
+        fast = [p for p in frontier(dots) if p.rate <= rate]
+        rows.append([
+            law, *(report.number(e) if e else "" for e in errors[law]), report.number(fast[-1].on) if fast else "",
+            str(max(p.nodes for p in dots)) if searched else "",
+            f"{min(p.proven for p in dots):.4g}" if searched else "",
+        ])  # fmt: skip
+    enough = []
+    for i in range(len(rates)):
+        reached = {N: errors[f"N = {N}"][i] for N in HORIZONS if errors[f"N = {N}"][i]}
+        enough.append(min((N for N, e in reached.items() if e <= ENOUGH * min(reached.values())), default=0))
+    return {"rows": rows, "errors": errors, "rate": rate, "enough": enough}
+
+
 def one(name: str, folder: Path) -> None:
-    """Picture, table and figures of one example."""
-    comparison = compare(Project.read(ROOT / "examples" / name / "project.toml"), budget=BUDGET)
+    """Pictures, tables and figures of one example."""
+    path = ROOT / "examples" / name / "project.toml"
+    project = Project.read(path)
+    comparison = compare(project, budget=BUDGET)
     picture(comparison, folder / f"{name}.svg")
+    task, on_task = project, comparison
+    if name in TASKS:
+        settings = tomllib.loads(path.read_text(encoding="utf-8"))
+        for table, changes in TASKS[name].items():
+            settings[table] |= changes
+        task = Project(settings, path.parent)
+        on_task = compare(task, budget=BUDGET)
     table = comparison.table()
     figures = {
         law: {"rms": total_rms(run), "rate": switching_rate(run), "on": on_share(run)}
         for law, run in comparison.runs.items()
     }
-    content = {"heads": table.heads, "rows": table.rows, "figures": figures, "skipped": comparison.skipped}
+    content = {
+        "heads": table.heads, "rows": table.rows, "figures": figures, "skipped": comparison.skipped,
+        "horizon": buys(name, task.with_seed(0), on_task, folder),
+    }  # fmt: skip
     (folder / f"{name}.json").write_text(json.dumps(content))
 
 
@@ -85,9 +243,11 @@ def start(folder: Path) -> Running:
     return {name: subprocess.Popen([sys.executable, __file__, name, str(folder)], env=environment) for name in EXAMPLES}
 
 
-def collect(running: Running, folder: Path) -> tuple[dict[str, dict[str, list[list[str]]]], Values]:
-    """Tables by example, and numbers for the text: ``oven_relay_rms`` and the like."""
-    tables, values = {}, {}
+def collect(
+    running: Running, folder: Path
+) -> tuple[dict[str, dict[str, list[list[str]]]], dict[str, dict[str, Any]], Values]:
+    """Tables by example, what the horizon buys, and numbers for the text: ``oven_relay_rms`` and the like."""
+    tables, bought, values = {}, {}, {}
     for name, process in running.items():
         if process.wait():
             raise RuntimeError(f"the comparison of examples/{name} failed with exit code {process.returncode}")
@@ -95,7 +255,16 @@ def collect(running: Running, folder: Path) -> tuple[dict[str, dict[str, list[li
         tables[name] = {key: content[key] for key in ("heads", "rows")}
         for law, figures in content["figures"].items():
             values |= {f"{name}_{SHORT[law]}_{what}": report.number(value) for what, value in figures.items()}
-    return tables, values
+        bought[name] = content["horizon"]
+        for law, errors in bought[name]["errors"].items():
+            short = SHORT.get(law, law.replace("N = ", ""))
+            values |= {
+                f"{name}_{short}_{rate}": report.number(error)
+                for rate, error in zip(("full", "half", "quarter"), errors, strict=True)
+                if error
+            }
+        values[f"{name}_proven"] = bought[name]["rows"][len(HORIZONS) - 1][-1]
+    return tables, bought, values
 
 
 # Tables of the examples ----------------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 import comparisons
 import figures
+import horizons
 import numpy as np
 from pydantic_core import PydanticUndefined
 from typer.testing import CliRunner
@@ -289,6 +290,37 @@ def comparison_page(tables: dict[str, dict[str, list[list[str]]]]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+BUYS_HEADS = [
+    "law", "rms error at R", "at R/2", "at R/4", "time on at R [%]", "nodes, largest", "steps proven optimal, least [%]"
+]  # fmt: skip
+
+
+def buys_page(found: dict[str, dict[str, Any]]) -> str:
+    """Each example's trade of error for switching over the horizon: picture and table."""
+    parts = []
+    for example in examples():
+        name, content = example.name, found[example.name]
+        title = name.replace("_", " ").capitalize()
+        caption = (
+            f"{title}: every run a dot; lines join the runs that no other run of the law beats in both. "
+            f"R is {content['rate']:g} switches per second."
+        )
+        parts += [
+            f"### {title}",
+            f"```{{figure}} /_generated/compare/{name}_horizon.svg\n:alt: {caption}\n\n{caption}\n```",
+            markdown_table(BUYS_HEADS, content["rows"]),
+        ]
+    return "\n\n".join(parts) + "\n"
+
+
+def enough_rows(found: dict[str, dict[str, Any]]) -> list[list[str]]:
+    """Each example: the shortest horizon that is nearly as good as the best."""
+    return [
+        [example.name.replace("_", " "), *(f"N = {N}" if N else "" for N in found[example.name]["enough"])]
+        for example in examples()
+    ]
+
+
 # Gallery -------------------------------------------------------------------------------------------------------------
 
 
@@ -417,6 +449,21 @@ CLAIMS = {
         "{spread_low} to {spread_high} kPa",
     ],
     "compare.md": ["Budget here: {budget} runs for each baseline"],
+    "horizon.md": [
+        "the paper's law leaves {family_paper} kPa, the one-step law {family_one} kPa, ten periods {family_exact_10} kPa "
+        "and twenty {family_exact_20} kPa",
+        "the largest of {periods} steps took {family_exact_20_nodes} nodes where there are 1,048,576 sequences",
+        "leaves {family_much} kPa at {family_much_switches} switches, the exact optimum {family_exact_much} kPa at "
+        "{family_exact_much_switches}",
+        "a weight of 10 on each move brings it to {family_little} kPa",
+        "`Horizon(20, moves=2)` leaves {family_held} kPa",
+        "{family_riccati_5} kPa instead of {family_exact_5} kPa with five periods",
+        "trails by {blind_one_lag} ms with one period and by {blind_20_lag} ms with twenty: {blind_one} and {blind_20} "
+        "kPa instead of {family_plain} and {family_exact_20} kPa",
+        "the attitude example is off by {lost} degrees in the rms",
+        "a budget of 100 nodes proves {budget_proven} % of the steps and leaves {budget_rms} kPa where the full search "
+        "leaves {family_exact_much} kPa",
+    ],
     "c_api.md": [
         "{multiply_adds} for the demo's controller",
         "{estimator_adds} more for the demo's controller with one load",
@@ -424,10 +471,17 @@ CLAIMS = {
 }
 
 
-def false_claims(values: dict[str, str]) -> list[str]:
+#: The same for numbers that only the comparisons give, which take longer than a test should.
+COMPARED = {
+    "compare.md": ["firing for {attitude_step_on} % of the time instead of {attitude_law_on} %"],
+    "horizon.md": [],
+}
+
+
+def false_claims(values: dict[str, str], claims: dict[str, list[str]] = CLAIMS) -> list[str]:
     """Sentences that a page ought to hold with the numbers just computed, and does not."""
     false = []
-    for page, sentences in CLAIMS.items():
+    for page, sentences in claims.items():
         text = " ".join((ROOT / "docs" / page).read_text(encoding="utf-8").split())
         false += [f"{page}: {claim}" for claim in (each.format_map(values) for each in sentences) if claim not in text]
     return false
@@ -467,8 +521,13 @@ def build(folder: Path) -> None:
         (folder / f"demo_{section.pictures[0].name}.md").write_text(section_page(section))
     values = figures.draw(folder) | demo_values(demo) | core_values()
     values |= {"budget": str(comparisons.BUDGET)}
-    tables, found = comparisons.collect(compared, folder / "compare")
-    values |= found | comparisons.printed()
+    rows, of_family = horizons.family()
+    (folder / "family.md").write_text(markdown_table(horizons.HEADS, rows))
+    tables, bought, found = comparisons.collect(compared, folder / "compare")
+    values |= of_family | found | comparisons.printed()
+    (folder / "buys.md").write_text(buys_page(bought))
+    heads = ["example", "at R", "at R/2", "at R/4"]
+    (folder / "enough.md").write_text(markdown_table(heads, enough_rows(bought)))
     heads = ["", "where", "shown by"]
     (folder / "decision_table.md").write_text(markdown_table(heads, comparisons.decision_rows(values)))
     (folder / "comparisons.md").write_text(comparison_page(tables))

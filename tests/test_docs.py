@@ -184,6 +184,7 @@ def test_every_public_name_is_in_the_reference():
 def test_the_numbers_in_the_text_are_those_computed(generate, tmp_path):
     values = generate.figures.draw(tmp_path) | generate.demo_values(generate.run_demo()) | generate.core_values()
     values |= generate.record_values()
+    values |= generate.horizons.family()[1]
     values["budget"] = str(generate.comparisons.BUDGET)
     assert generate.false_claims(values) == []
 

@@ -478,6 +478,7 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
     enum { RESTART, EXPAND, BACKTRACK } next = RESTART;
     fsw_real bound = 0; /* costs and bounds are above V_0, which changes with the prices */
     natural k = 0, c = present;
+    int tried = 0; /* prices */
     int dived = 0; /* the first descent has ended: without it, a plan would only ever be followed, never revised */
     if (warm && last > 1) { /* else the first descent is as good */
         root(h, s, n, m, wait);
@@ -509,6 +510,7 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
         if (answer.found && dived && answer.nodes >= pause) {
             if (answer.nodes >= budget) break;
             pause = budget;
+            tried = 1;
             if (leaves_hull(h, s, present)) {
                 const fsw_real plain = answer.excess;
                 set_prices(h, s, present);
@@ -544,7 +546,7 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
         answer.excess = bound;
         answer.found = 1;
         dived = 1;
-        if (bound > h->far && pause < budget) pause = answer.nodes < budget ? answer.nodes : budget;
+        if (bound > h->far && !tried) pause = answer.nodes < budget ? answer.nodes : budget;
     }
     answer.gap = answer.excess - least_open(s, k, answer.excess);
     answer.optimal = !(answer.gap > 0);

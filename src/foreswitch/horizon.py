@@ -293,7 +293,10 @@ def riccati_terminal(F: Array, G: Array, S: Array, weight: Array, move_weight: A
     P = solve_discrete_are(F, G, S.T @ (weight[:, None] * S), np.diag(move_weight))
     K = np.linalg.solve(np.diag(move_weight) + G.T @ P @ G, G.T @ P @ F)
     closed = F - G @ K
-    values, vectors = np.linalg.eigh(closed.T @ P @ closed + K.T @ np.diag(move_weight) @ K)
+    beyond = closed.T @ P @ closed + K.T @ np.diag(move_weight) @ K
+    if not np.allclose(beyond + S.T @ (weight[:, None] * S), P, rtol=1e-6, atol=1e-6 * np.abs(P).max()):
+        raise np.linalg.LinAlgError("no digits are left")
+    values, vectors = np.linalg.eigh(beyond)
     keep = values > 1e-12 * values.max(initial=1e-300)
     root: Array = np.sqrt(values[keep])[:, None] * vectors[:, keep].T
     return root

@@ -92,7 +92,7 @@ def compare_precision(
     loop, law, other = loops["float64"], laws["float64"], laws["float32"]
     seen = double.x[:-1] if controller.estimator is None else double.y[:-1]
     shown = seen if loop.matrix is None else seen @ loop.matrix.T
-    told = loop.told.reshape(loop.steps, 1, law.plant.outputs, law.order)
+    told = loop.told.reshape(loop.steps, law.evaluations, law.plant.outputs, law.order)
     differing, gaps, spreads = [], [], np.zeros(loop.steps)
     for k in range(loop.steps):
         w = double.w[k] if law.plant.disturbances else None

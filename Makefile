@@ -15,6 +15,7 @@ test: .venv/ready
 	$(BIN)/python -m pytest -n auto
 
 bench: .venv/ready
+	$(BIN)/pip install -q -c constraints.txt -e .[bench] --no-build-isolation
 	$(BIN)/python benchmarks/run.py
 
 docs: .venv/ready

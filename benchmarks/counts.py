@@ -1,11 +1,11 @@
-"""Exact counts: instructions per step and bytes of state. A change that is meant to move them edits counts.json."""
+"""Exact counts: instructions per step, nodes of a horizon, bytes. A change that is meant to move them edits counts.json."""
 
 import json
 import platform
 import re
 import shutil
 import subprocess
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -13,35 +13,17 @@ from typing import Any
 import numpy as np
 
 from common import CORE, HERE, PLANT, build, compiler, controller
+from emit import design_sizes, design_source, numbers, structure
+from problems import Core, Problem, hot_gas, inverter, transients
 from table import Row
 
 STEPS = 1000  # as in count.c
-
-C_TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "d": "double", "f": "float"}
-SIZES = "states inputs outputs disturbances order rows candidates bad_limit measured loads gate_limit"
-#: In the order of the binding.
-ARRAYS = """level_count pending holds exact_levels levels candidate safe state_row disturbance_row offset reference_row
-half_weight pending_table hold_row total_row rest_reference rest_disturbance rest_offset dwell switch_cost model_x
-model_old model_new model_w model_c gain output_row output_offset start_row start_offset gate"""
-
-
-def structure(kind: str, name: str, sizes: Mapping[str, int], arrays: Mapping[str, Any], absent: str = "") -> str:
-    """A constant C structure and the arrays it points to."""
-    lines, members = [], [f".{key} = {size}" for key, size in sizes.items()]
-    for key, values in arrays.items():
-        numbers = ", ".join(f"{v:.17g}" if values.dtype.kind == "f" else str(v) for v in values.ravel()) or "0"
-        lines.append(f"static const {C_TYPES[values.dtype.char]} {key}[] = {{{numbers}}};")
-        members += [f".{key} = {key}"] if key != absent else []
-    return "\n".join([*lines, f"static const {kind} {name} = {{{', '.join(members)}}};\n"])
 
 
 def design_header(real: str) -> str:
     """The paper's design and plant as C."""
     law = controller(real)
-    numbers, values = law._parts
-    sizes = dict(zip(SIZES.split(), numbers, strict=True))
-    arrays = {key: array for key, array in zip(ARRAYS.split(), values, strict=True) if array is not None}
-    model = law._model
+    sizes, model = design_sizes(law), law._model
     body = {
         "transition": model.transition, "input_old": model.old, "input_new": model.new, "input_load": model.load,
         "disturbance": model.disturbance, "drift": model.drift, "delay": np.array(model.delay, dtype=np.uint32),
@@ -49,8 +31,7 @@ def design_header(real: str) -> str:
     }  # fmt: skip
     plant = {key: sizes[key] for key in ("states", "inputs", "outputs", "disturbances")}
     limits = [f"#define {key.upper()} {size}" for key, size in sizes.items()]
-    design = structure("fsw_design", "design", sizes, arrays, absent="exact_levels")
-    return "\n".join([*limits, design, structure("fsw_plant", "plant", plant, body)])
+    return "\n".join([*limits, design_source(law), structure("fsw_plant", "plant", plant, body)])
 
 
 def instructions(program: Path, function: str) -> float:
@@ -60,11 +41,8 @@ def instructions(program: Path, function: str) -> float:
     return int(re.search(r"Collected : (\d+)", result.stderr)[1]) / STEPS
 
 
-def instruction_rows(folder: Path) -> Iterator[Row]:
+def instruction_rows(folder: Path, wanted: dict[str, Any], gated: bool) -> Iterator[Row]:
     """Gated where machine and compiler are those of the expected counts; elsewhere they only serve as a scale."""
-    wanted = json.loads((HERE / "counts.json").read_text())
-    speaks = subprocess.run([compiler(), "--version"], capture_output=True, text=True, check=True).stdout
-    gated = platform.machine() == wanted["machine"] and wanted["compiler"] in speaks
     most = 1.0 + wanted["slack"]
     for real, options in (("float64", []), ("float32", ["-DFSW_SINGLE"])):
         (folder / "design.h").write_text(design_header(real))
@@ -83,25 +61,85 @@ def instruction_rows(folder: Path) -> Iterator[Row]:
             )
 
 
-def state_bytes(folder: Path) -> int:
+def steps_header(one: Problem) -> str:
+    """What a horizon's steps are told."""
+    data = {"x": one.x, "reference": one.reference}
+    sizes = f"enum {{ STEPS = {len(one.x)}, WIDTH = {one.reference[0].size} }};"
+    return "\n".join([sizes, *(f"static const fsw_real {key}[] = {numbers(values)};" for key, values in data.items())])
+
+
+def horizon_instructions(folder: Path, one: Problem) -> list[int]:
+    """Of each step: the counter writes a file when one is over."""
+    (folder / "design.h").write_text(design_source(one.law))
+    (folder / "steps.h").write_text(steps_header(one))
+    sources = [HERE / "count_horizon.c", CORE / "foreswitch.c", CORE / "horizon.c"]
+    program = build(folder / "count", f"-DFSW_MAX_MOVES={one.moves}", f"-I{folder}", f"-I{CORE}", *sources)
+    options = ["--toggle-collect=fsw_step", "--dump-after=fsw_step", f"--callgrind-out-file={folder / 'step'}"]
+    subprocess.run(["valgrind", "--tool=callgrind", *options, program], capture_output=True, check=True)
+    files = list(folder.glob("step.*"))
+    counts = [int(re.search(r"^summary: (\d+)", file.read_text(), re.MULTILINE)[1]) for file in files]
+    for file in files:
+        file.unlink()
+    assert len(counts) == len(one.x)
+    return counts
+
+
+def horizon_rows(folder: Path, wanted: dict[str, Any], gated: bool) -> Iterator[Row]:
+    most = 1.0 + wanted["slack"]
+    for name, expected in wanted["horizon"].items():
+        one = hot_gas(int(name.rpartition("=")[2]), [0.0, 1.0])
+        counts = horizon_instructions(folder, one)
+        found = sum(counts) / len(counts), max(counts)
+        share = max(a / b for a, b in zip(found, expected, strict=True))
+        yield Row(
+            f"instructions per step (most), {name}", f"{found[0]:.0f}", f"{expected[0]}",
+            f"({found[1]}) {share:.3f} of the expected", f"<= {most:g}" if gated else "", not gated or share <= most,
+        )  # fmt: skip
+
+
+def node_rows(folder: Path, wanted: dict[str, Any]) -> Iterator[Row]:
+    """Partial sequences per step, the largest number and all steps together; the tables' rounding breaks ties."""
+    most = 1.0 + wanted["slack"]
+    distances = [side * pulses for pulses in (3.0, 5.0, 8.0, 12.0, 20.0, 40.0, 60.0) for side in (-1.0, 1.0)]
+    two, three = (0.0, 1.0), (-1.0, 0.0, 1.0)
+    problems = [hot_gas(moves, levels) for levels in (two, three) for moves in (10, 20, 30)]
+    problems += [inverter(10), *(transients(moves, levels, distances) for levels in (two, three) for moves in (20, 30))]
+    core = Core(problems, folder)
+    for one in problems:
+        nodes, expected = core.replay(one).nodes, wanted["nodes"][one.name]
+        share = max(float(nodes.max()) / expected[0], float(nodes.sum()) / expected[1])
+        text = f"{np.median(nodes):.0f} in the median, {nodes.sum()} in all"
+        yield Row(f"nodes, {one.name}", f"{nodes.max()}", f"{expected[0]}", text, f"<= {most:g}", share <= most)
+
+
+def state_bytes(folder: Path, **more: int) -> int:
     """sizeof(fsw_state), every limit at the paper's size, in single precision."""
-    limits = {"STATES": 2, "INPUTS": 1, "OUTPUTS": 1, "DISTURBANCES": 1, "LINE": 6}
+    limits = {"MAX_STATES": 2, "MAX_INPUTS": 1, "MAX_OUTPUTS": 1, "MAX_DISTURBANCES": 1, "MAX_LINE": 6}
     source = folder / "size.c"
     source.write_text(
         "#include <stdio.h>\n"
         '#include "foreswitch.h"\n'
         'int main(void) { return printf("%u", (unsigned)sizeof(fsw_state)) < 0; }\n'
     )
-    defines = {f"FSW_MAX_{name}": value for name, value in limits.items()}
+    defines = {f"FSW_{name}": value for name, value in (limits | more).items()}
     program = build(folder / "size", "-DFSW_SINGLE", f"-I{CORE}", source, defines=defines)
     return int(subprocess.run([program], capture_output=True, text=True, check=True).stdout)
 
 
 def rows() -> Iterator[Row]:
-    with TemporaryDirectory() as folder:
+    wanted = json.loads((HERE / "counts.json").read_text())
+    speaks = subprocess.run([compiler(), "--version"], capture_output=True, text=True, check=True).stdout
+    gated = platform.machine() == wanted["machine"] and wanted["compiler"] in speaks
+    with TemporaryDirectory() as name:
+        folder = Path(name)
         if shutil.which("valgrind"):
-            yield from instruction_rows(Path(folder))
+            yield from instruction_rows(folder, wanted, gated)
+            yield from horizon_rows(folder, wanted, gated)
         else:
             yield Row("instructions per period", "skipped", result="valgrind is not installed")
-        size = state_bytes(Path(folder))
+        yield from node_rows(folder, wanted)
+        size = state_bytes(folder)
         yield Row("bytes of state, paper's controller, float32", f"{size}", gate="<= 96", passed=size <= 96)
+        # no node is remembered where none is compared
+        size = state_bytes(folder, MAX_MOVES=20, MAX_STEPS=20, HORIZON_STATES=2, HORIZON_CANDIDATES=2, RECORDS=0)
+        yield Row("bytes of state, hot gas {0,1} N=20, float32", f"{size}", gate="<= 2048", passed=size <= 2048)

@@ -11,7 +11,7 @@ import sys
 import time
 from importlib import import_module
 
-TIMES = ("closed_loop", "python_step", "denormals", "batch")
+TIMES = ("closed_loop", "python_step", "denormals", "batch", "horizon")
 COUNTS = ("counts",)
 #: Seconds to wait before each try of a benchmark: the neighbour may have finished by then.
 TRIES = (0.0, 2.0, 10.0)

@@ -23,7 +23,7 @@ class Row:
 
 def line(row: Row) -> str:
     verdict = "" if row.passed else "  FAILED"
-    return f"{row.name:<60}{row.ours:>10}{row.other:>11}   {row.result:<34}{row.gate}{verdict}".rstrip()
+    return f"{row.name:<60}{row.ours:>10}{row.other:>11}   {row.result:<33} {row.gate}{verdict}".rstrip()
 
 
 HEAD = line(Row("", "ours", "other", "median (worst)", "gate")) + "\n" + "-" * 124

@@ -124,11 +124,15 @@ INLINE void prepare(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, nat
             s->error[k][o] = weight * e;
         }
     }
-    for (natural i = 0; i < n + m; i++) p[i] = 0;
     const fsw_real *final = reference + (N - h->lead - 1u) * q * h->order;
     for (natural t = 0; t < h->terminal; t++) {
         s->aim[t] = product(h->terminal_offset[t], h->terminal_disturbance + t * d, w, d);
         for (natural o = 0; o < q; o++) s->aim[t] += h->terminal_reference[t * q + o] * final[o * h->order];
+    }
+    s->priced = 0;
+    if (h->moves == 1) return; /* its candidates are simply tried */
+    for (natural i = 0; i < n + m; i++) p[i] = 0;
+    for (natural t = 0; t < h->terminal; t++) {
         const fsw_real e = product(-s->aim[t], h->T + t * n, x, n);
         for (natural i = 0; i < n; i++) p[i] += h->T[t * n + i] * e;
     }
@@ -143,7 +147,6 @@ INLINE void prepare(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, nat
         for (natural i = 0; i < n; i++) p[i] = y[i];
     }
     pull_back(h, s, n, m, q, 0);
-    s->priced = 0;
 }
 
 void fsw_horizon_prepare(const fsw_horizon *h, fsw_horizon_scratch *s, const fsw_real *z, const fsw_real *reference,
@@ -397,6 +400,48 @@ INLINE void expand(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natu
     s->u.tree.next[k] = 0;
 }
 
+/* ---- Cost ---- */
+
+INLINE fsw_real cost_of(const fsw_horizon *h, const fsw_horizon_scratch *s, natural n, natural m, natural q, natural C,
+                        uint8_t present, const uint8_t *sequence)
+{
+    const natural hold = h->tail == FSW_TAIL_HOLD;
+    fsw_real x[FSW_HORIZON_STATES], y[FSW_HORIZON_STATES], cost = 0;
+    natural from = present;
+    for (natural i = 0; i < n; i++) x[i] = 0;
+    for (natural k = 0; k < h->steps; k++) {
+        const natural c = sequence[k < h->moves ? k : h->moves - 1u];
+        for (natural i = 0; i < n; i++)
+            y[i] = product(k < h->moves || hold ? h->effect[c * n + i] : 0, h->F + i * n, x, n);
+        for (natural i = 0; i < n; i++) x[i] = y[i];
+        for (natural o = 0; o < q; o++) {
+            const fsw_real e = s->error[k][o] + h->root_weight[k * q + o] * product(0, h->S + o * n, x, n);
+            cost += e * e;
+        }
+        if (k >= h->moves) continue;
+        for (natural j = 0; j < m; j++) {
+            const fsw_real move = h->value[c * m + j] - h->value[from * m + j];
+            cost += h->move_weight[j] * move * move;
+        }
+        if (h->switch_cost) cost += h->switch_cost[from * C + c];
+        from = c;
+    }
+    for (natural t = 0; t < h->terminal; t++) {
+        const fsw_real e = product(product(-s->aim[t], h->T + t * n, s->end, n), h->T + t * n, x, n);
+        cost += e * e;
+    }
+    return cost;
+}
+
+fsw_real fsw_horizon_cost(const fsw_horizon *h, const fsw_horizon_scratch *s, uint8_t present, const uint8_t *sequence)
+{
+#if COPIES
+    if (h->states == 2 && h->inputs == 1 && h->outputs == 1)
+        return cost_of(h, s, 2, 1, 1, h->candidates, present, sequence);
+#endif
+    return cost_of(h, s, STATES(h), INPUTS(h), OUTPUTS(h), CANDIDATES(h), present, sequence);
+}
+
 /* ---- Search ---- */
 
 INLINE void root(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, const uint32_t *wait)
@@ -553,9 +598,31 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
     return answer;
 }
 
+/* One move: every candidate that may be commanded. */
+static fsw_horizon_answer try_each(const fsw_horizon *h, fsw_horizon_scratch *s, uint8_t present, const uint32_t *wait,
+                                   natural first)
+{
+    const natural m = INPUTS(h), C = CANDIDATES(h);
+    fsw_horizon_answer answer = {HUGE_COST, 0, 0, 0, 0};
+    for (natural c = 0; c < C; c++) {
+        const uint8_t one = (uint8_t)c;
+        int barred = first < C && c != first;
+        for (natural j = 0; j < m; j++) barred |= wait[j] > 0 && h->level[c * m + j] != h->level[present * m + j];
+        if (barred) continue;
+        answer.nodes++;
+        const fsw_real cost = fsw_horizon_cost(h, s, present, &one);
+        if (answer.found && !(cost < answer.excess || (cost == answer.excess && c == present))) continue;
+        answer.excess = cost;
+        answer.found = answer.optimal = 1;
+        s->best[0] = one;
+    }
+    return answer;
+}
+
 fsw_horizon_answer fsw_horizon_search(const fsw_horizon *h, fsw_horizon_scratch *s, uint8_t present,
                                       const uint32_t *wait, const uint8_t *warm, uint8_t first, uint32_t node_budget)
 {
+    if (h->moves == 1) return try_each(h, s, present, wait, first);
 #if COPIES
     if (h->states == 2 && h->inputs == 1) {
         if (h->candidates == 2) return search(h, s, 2, 1, 2, present, wait, warm, first, node_budget);
@@ -563,48 +630,6 @@ fsw_horizon_answer fsw_horizon_search(const fsw_horizon *h, fsw_horizon_scratch 
     }
 #endif
     return search(h, s, STATES(h), INPUTS(h), CANDIDATES(h), present, wait, warm, first, node_budget);
-}
-
-/* ---- Cost ---- */
-
-INLINE fsw_real cost_of(const fsw_horizon *h, const fsw_horizon_scratch *s, natural n, natural m, natural q, natural C,
-                        uint8_t present, const uint8_t *sequence)
-{
-    const natural hold = h->tail == FSW_TAIL_HOLD;
-    fsw_real x[FSW_HORIZON_STATES], y[FSW_HORIZON_STATES], cost = 0;
-    natural from = present;
-    for (natural i = 0; i < n; i++) x[i] = 0;
-    for (natural k = 0; k < h->steps; k++) {
-        const natural c = sequence[k < h->moves ? k : h->moves - 1u];
-        for (natural i = 0; i < n; i++)
-            y[i] = product(k < h->moves || hold ? h->effect[c * n + i] : 0, h->F + i * n, x, n);
-        for (natural i = 0; i < n; i++) x[i] = y[i];
-        for (natural o = 0; o < q; o++) {
-            const fsw_real e = s->error[k][o] + h->root_weight[k * q + o] * product(0, h->S + o * n, x, n);
-            cost += e * e;
-        }
-        if (k >= h->moves) continue;
-        for (natural j = 0; j < m; j++) {
-            const fsw_real move = h->value[c * m + j] - h->value[from * m + j];
-            cost += h->move_weight[j] * move * move;
-        }
-        if (h->switch_cost) cost += h->switch_cost[from * C + c];
-        from = c;
-    }
-    for (natural t = 0; t < h->terminal; t++) {
-        const fsw_real e = product(product(-s->aim[t], h->T + t * n, s->end, n), h->T + t * n, x, n);
-        cost += e * e;
-    }
-    return cost;
-}
-
-fsw_real fsw_horizon_cost(const fsw_horizon *h, const fsw_horizon_scratch *s, uint8_t present, const uint8_t *sequence)
-{
-#if COPIES
-    if (h->states == 2 && h->inputs == 1 && h->outputs == 1)
-        return cost_of(h, s, 2, 1, 1, h->candidates, present, sequence);
-#endif
-    return cost_of(h, s, STATES(h), INPUTS(h), OUTPUTS(h), CANDIDATES(h), present, sequence);
 }
 
 #else

@@ -263,6 +263,8 @@ def collect(
                 for rate, error in zip(("full", "half", "quarter"), errors, strict=True)
                 if error
             }
+            share = next(row[4] for row in bought[name]["rows"] if row[0] == law)
+            values |= {f"{name}_{short}_share": share} if share else {}
         values[f"{name}_proven"] = bought[name]["rows"][len(HORIZONS) - 1][-1]
     return tables, bought, values
 

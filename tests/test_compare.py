@@ -3,6 +3,7 @@
 import json
 import re
 import tomllib
+import warnings
 from contextlib import nullcontext
 from itertools import pairwise
 from pathlib import Path
@@ -268,6 +269,26 @@ def test_a_horizon_that_the_core_cannot_hold_is_left_out_and_the_rest_goes_on():
     assert {"horizon, N = 5", "horizon, N = 20"} <= set(found.skipped)
     assert set(found.runs) >= {"predictive", *KINDS}
     assert "horizon, N = 20" in str(found.report("x").sections[0].text)
+
+
+def best_error(name, steps, prices, rate):
+    """The least error of a horizon at no more than a switching rate."""
+    path = Path(__file__).parents[1] / f"examples/{name}/project.toml"
+    project = Project.read(path).with_seed(0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        law = project.build_controller(**horizon_settings(project, steps))
+    return min(total_rms(run) for _, run in price_curve(project, law, prices) if switching_rate(run) <= rate)
+
+
+def test_where_one_step_is_enough():
+    assert best_error("oven", 1, [3.0, 6.0], 0.065) < 1.05 * best_error("oven", 20, [0.0, 1.0], 0.065)
+    assert best_error("inverter", 1, [0.0], 30000.0) < 1.01 * best_error("inverter", 10, [0.0], 30000.0)
+
+
+def test_where_a_horizon_pays():
+    assert best_error("attitude", 20, [0.1], 2.2) < 0.3 * best_error("attitude", 1, [100.0, 200.0], 2.2)
+    assert best_error("chamber", 10, [0.3], 100.0) < 0.6 * best_error("chamber", 1, [20.0, 40.0, 80.0], 100.0)
 
 
 def test_every_law_has_a_colour_of_its_own():

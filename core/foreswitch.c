@@ -45,8 +45,8 @@ static fsw_validity check_horizon(const fsw_design *d)
         h->candidates > FSW_HORIZON_CANDIDATES || h->terminal > h->states)
         return FSW_TOO_LARGE;
     if (h->inputs != d->inputs || h->outputs != d->outputs || h->candidates != d->candidates || h->order != d->order ||
-        h->disturbances != d->disturbances || h->moves == 0 || h->moves > h->steps || h->lead >= h->steps ||
-        h->tail > FSW_TAIL_HOLD || (h->tail == FSW_TAIL_REST && !d->rest_reference))
+        h->disturbances != d->disturbances || h->states == 0 || h->moves == 0 || h->moves > h->steps ||
+        h->lead >= h->steps || h->tail > FSW_TAIL_HOLD || (h->tail == FSW_TAIL_REST && !d->rest_reference))
         return FSW_INCONSISTENT;
 #ifdef FSW_FIXED
     if (h->states != FSW_HORIZON_STATES || h->candidates != FSW_HORIZON_CANDIDATES || d->inputs != FSW_MAX_INPUTS ||
@@ -211,6 +211,7 @@ static int correct(const fsw_design *d, const fsw_real *y, const fsw_real *expec
 {
     const natural n = d->states, z = d->measured, size = n + d->loads;
     fsw_real missed[FSW_MAX_OUTPUTS], distance = 0;
+    missed[0] = 0; /* z is at least 1, which a compiler cannot know */
     for (natural o = 0; o < z; o++) missed[o] = y[o] - product(d->output_offset[o], d->output_row + o * n, expected, n);
     if (d->gate) {
         for (natural o = 0; o < z; o++) distance += missed[o] * product(0, d->gate + o * z, missed, z);

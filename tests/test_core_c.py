@@ -18,7 +18,14 @@ CORE, HERE = ROOT / "core", Path(__file__).parent
 FILES = sorted((HERE / "vectors").glob("*.json"))
 STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-ffp-contract=off"]
 REALS = {"float64": [], "float32": ["-DFSW_SINGLE"]}
-BUILDS = {"float64": ["-O1"], "float32": ["-O1", "-DFSW_SINGLE"], "float32, for size": ["-Os", "-DFSW_SINGLE"]}
+SOURCES = [CORE / "foreswitch.c", CORE / "horizon.c"]
+MOVES = "-DFSW_MAX_MOVES=20"
+BUILDS = {
+    "float64": ["-O1", MOVES],
+    "float32": ["-O1", "-DFSW_SINGLE", MOVES],
+    "float32, for size": ["-Os", "-DFSW_SINGLE", MOVES, "-DFSW_RECORDS=0"],
+    "without a horizon": ["-O1"],
+}
 
 
 def compilers():
@@ -42,7 +49,7 @@ def compiled(*arguments, compiler=None):
 def program(request, tmp_path_factory):
     """tests/core/test_core.c, with the address and undefined-behaviour sanitizers where they link."""
     target = tmp_path_factory.mktemp("core") / request.param
-    sources = [HERE / "core" / "test_core.c", CORE / "foreswitch.c"]
+    sources = [HERE / "core" / "test_core.c", *SOURCES]
     plain = [*STRICT, "-g", *BUILDS[request.param], f"-I{CORE}", "-o", target, *sources, "-lm"]
     sanitizers = ["-fsanitize=address,undefined", "-fno-sanitize-recover"]
     if not compiled(*sanitizers, *plain)[0]:
@@ -62,7 +69,10 @@ def test_the_core_takes_the_golden_steps_and_survives_its_edges(program, path):
     assert done.returncode == 0, done.stdout + done.stderr
     passed, failed = (int(word) for word in done.stdout.split() if word.isdigit())
     assert failed == 0
-    assert passed > (300 if path.stem == "paper" else 100)
+    if path.stem.startswith("horizon") and program.name == "without a horizon":
+        assert passed == 2
+    else:
+        assert passed > (300 if path.stem in ("paper", "horizon") else 100)
 
 
 def number(value):
@@ -79,7 +89,8 @@ def test_python_takes_the_same_steps(path, real):
     controller = make.controller(case, real)
     assert len(vector["steps"]) >= 3
     for k, step in enumerate(vector["steps"]):
-        arguments = number(step["x"]), np.array([step["reference"]])
+        reference = np.array(step["reference"])
+        arguments = number(step["x"]), reference if "horizon" in vector else reference[None]
         given = {"disturbance": number(step["w"])} if step["w"] else {}
         decision = controller.decide(*arguments, **given)
         assert controller.step(*arguments, **given).tolist() == step["u"] == decision.u.tolist(), k
@@ -133,10 +144,16 @@ def test_the_golden_files_hold_what_they_are_for():
     assert any("inf" in step["costs"] for step in dwell)
     assert {step["u"][0] for step in dwell} == {-1.0, 0.0, 1.0}
     assert len(vectors["two_inputs"]["design"]["candidate"]) == 2 * 4
+    assert {vector["horizon"]["tail"] for vector in vectors.values() if "horizon" in vector} == {0, 1, 2}
+    two = vectors["horizon_two_inputs"]
+    assert two["horizon"]["lead"] > 0 < two["horizon"]["terminal"]
+    assert two["horizon"]["moves"] < two["horizon"]["steps"]
+    assert len({tuple(step["u"]) for step in two["steps"]}) >= 3
     for vector in vectors.values():
+        margin = make.MARGIN_OF_HORIZON if "horizon" in vector else make.MARGIN
         for step in vector["steps"]:
             finite = sorted(c for c in number(step["costs"] or [0.0]) if isfinite(c))
-            assert len(finite) == 1 or finite[1] > 1.02 * finite[0]
+            assert len(finite) == 1 or finite[1] > (1 + margin) * finite[0]
 
 
 # Firmware -------------------------------------------------------------------------------------------------------------
@@ -144,17 +161,19 @@ def test_the_golden_files_hold_what_they_are_for():
 
 @pytest.fixture(scope="module")
 def objects(tmp_path_factory):
-    """foreswitch.c compiled freestanding, per compiler, arithmetic and optimisation; no warning is let through."""
+    """The core compiled freestanding, per source, compiler, arithmetic and optimisation; no warning is let through."""
     folder = tmp_path_factory.mktemp("objects")
     made = {}
     for compiler in COMPILERS:
         for real, define in REALS.items():
-            for level in ("-O0", "-O2", "-Os"):
-                target = folder / f"{Path(compiler).name}_{real}{level}.o"
-                arguments = [*STRICT, "-ffreestanding", level, *define, "-c", CORE / "foreswitch.c", "-o", target]
-                done, errors = compiled(*arguments, compiler=compiler)
-                assert done, errors
-                made[target.stem] = target
+            for level, moves in (("-O0", [MOVES]), ("-O2", [MOVES]), ("-Os", [MOVES, "-DFSW_RECORDS=0"]), ("-O2", [])):
+                for source in SOURCES:
+                    name = f"{source.stem}_{Path(compiler).name}_{real}{level}{'' if moves else '_endpoint'}"
+                    target = folder / f"{name}.o"
+                    arguments = [*STRICT, "-ffreestanding", level, *define, *moves, "-c", source, "-o", target]
+                    done, errors = compiled(*arguments, compiler=compiler)
+                    assert done, errors
+                    made[name] = target
     return made
 
 
@@ -171,17 +190,24 @@ def test_the_core_calls_nothing_and_owns_no_writable_data(objects):
     for name, path in objects.items():
         found = symbols(path)
         undefined = {symbol for kind, symbol in found if kind in "Uvw"}
-        assert undefined <= {"memcpy", "memset", "memmove", "memcmp"}, name
+        ours = {symbol for symbol in undefined if symbol.startswith("fsw_horizon_")}
+        assert undefined - ours <= {"memcpy", "memset", "memmove", "memcmp"}, name
+        assert not ours or (name.startswith("foreswitch") and not name.endswith("endpoint")), name
         assert not [symbol for kind, symbol in found if kind in "bBdDcCsS"], name
         public = {symbol for kind, symbol in found if kind == "T"}
-        assert public >= {"fsw_init", "fsw_preload", "fsw_start", "fsw_issued", "fsw_decide", "fsw_step"}, name
+        if name.startswith("foreswitch"):
+            assert public >= {"fsw_init", "fsw_preload", "fsw_start", "fsw_issued", "fsw_decide", "fsw_step"}, name
+        elif name.endswith("endpoint"):
+            assert not public, name
+        else:
+            assert public == {"fsw_horizon_prepare", "fsw_horizon_search", "fsw_horizon_cost"}, name
         assert all(symbol.startswith("fsw_") for symbol in public), name
 
 
 def test_the_sources_use_neither_heap_nor_stdio():
-    text = (CORE / "foreswitch.c").read_text() + (CORE / "foreswitch.h").read_text()
-    headers = {line.split()[1] for line in text.splitlines() if line.startswith("#include")}
-    assert headers == {'"foreswitch.h"', "<stdint.h>"}
+    texts = [path.read_text() for path in (*SOURCES, CORE / "foreswitch.h", CORE / "horizon.h")]
+    headers = {line.split()[1] for text in texts for line in text.splitlines() if line.startswith("#include")}
+    assert headers == {'"foreswitch.h"', '"horizon.h"', "<stdint.h>"}
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="needs a C++ compiler")
@@ -191,8 +217,9 @@ def test_the_header_is_also_cpp(tmp_path):
         '#include "foreswitch.h"\n#include "foreswitch.h"\nint main() { return sizeof(fsw_state) == 0; }\n'
     )
     flags = ["-std=c++11", "-pedantic", "-Wall", "-Wextra", "-Werror", f"-I{CORE}", "-fsyntax-only"]
-    done, errors = compiled(*flags, source, compiler=shutil.which("g++"))
-    assert done, errors
+    for moves in ([], [MOVES]):
+        done, errors = compiled(*flags, *moves, source, compiler=shutil.which("g++"))
+        assert done, errors
 
 
 PAPER_LIMITS = {"STATES": 2, "INPUTS": 1, "OUTPUTS": 1, "DISTURBANCES": 1, "LINE": 6}
@@ -208,12 +235,44 @@ def test_the_state_of_the_papers_controller_fits_96_bytes(tmp_path, most, fits):
     assert done == fits
 
 
-def test_a_core_cut_to_size_takes_the_same_steps(tmp_path):
-    """The limits of the paper's controller, as an exported design would set them."""
-    limits = [f"-DFSW_MAX_{name}={value}" for name, value in PAPER_LIMITS.items()]
+HORIZON_LIMITS = PAPER_LIMITS | {"STEPS": 20, "MOVES": 20}
+
+
+@pytest.mark.parametrize(("records", "most", "fits"), [(0, 2048, True), (2, 2048, True), (2, 512, False)])
+def test_the_state_of_twenty_periods_of_the_hot_gas_fits_2_kilobytes(tmp_path, records, most, fits):
+    """In single precision, two levels; 512 bytes show that it looks."""
+    source = tmp_path / "size.c"
+    source.write_text(f'#include "foreswitch.h"\nextern char fits[sizeof(fsw_state) <= {most} ? 1 : -1];\n')
+    limits = [f"-DFSW_MAX_{name}={value}" for name, value in HORIZON_LIMITS.items()]
+    limits += ["-DFSW_HORIZON_STATES=2", "-DFSW_HORIZON_CANDIDATES=2", f"-DFSW_RECORDS={records}"]
+    done, _ = compiled(*STRICT, "-DFSW_SINGLE", *limits, f"-I{CORE}", "-fsyntax-only", source)
+    assert done == fits
+
+
+def test_more_than_a_byte_counts_is_refused_by_the_compiler():
+    for limit in ("-DFSW_HORIZON_CANDIDATES=256", "-DFSW_RECORDS=128"):
+        done, errors = compiled(*STRICT, MOVES, limit, "-fsyntax-only", CORE / "horizon.c")
+        assert not done
+        assert "they are counted in bytes" in errors
+
+
+CUT = {
+    "paper": ([], PAPER_LIMITS),
+    "horizon": (["-DFSW_FIXED"], PAPER_LIMITS | {"STEPS": 10, "MOVES": 10}),
+    "horizon, for size": (["-DFSW_FIXED", "-Os", "-DFSW_RECORDS=0"], PAPER_LIMITS | {"STEPS": 10, "MOVES": 10}),
+}
+
+
+@pytest.mark.parametrize("name", CUT)
+def test_a_core_cut_to_size_takes_the_same_steps(name, tmp_path):
+    """The limits of the design, as an exported one would set them."""
+    flags, limits = CUT[name]
+    limits = [f"-DFSW_MAX_{key}={value}" for key, value in limits.items()]
+    if name != "paper":
+        limits += ["-DFSW_HORIZON_STATES=2", "-DFSW_HORIZON_CANDIDATES=2"]
     target = tmp_path / "cut"
-    sources = [HERE / "core" / "test_core.c", CORE / "foreswitch.c"]
-    done, errors = compiled(*STRICT, "-O2", "-DFSW_SINGLE", *limits, f"-I{CORE}", "-o", target, *sources, "-lm")
+    sources = [HERE / "core" / "test_core.c", *SOURCES]
+    done, errors = compiled(*STRICT, "-O2", "-DFSW_SINGLE", *flags, *limits, f"-I{CORE}", "-o", target, *sources, "-lm")
     assert done, errors
-    ran = subprocess.run([target, HERE / "vectors" / "paper.json"], capture_output=True, text=True)
+    ran = subprocess.run([target, HERE / "vectors" / f"{name.split(',')[0]}.json"], capture_output=True, text=True)
     assert ran.returncode == 0, ran.stdout

@@ -18,6 +18,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
 import foreswitch as fsw  # noqa: E402
+import horizon_oracle  # noqa: E402
 from kalman_oracle import Estimator, riccati_gain, usable  # noqa: E402
 from oracle import Law  # noqa: E402
 
@@ -30,6 +31,15 @@ ARRAYS = [
     "offset", "reference_row", "half_weight", "pending_table", "hold_row", "total_row", "rest_reference",
     "rest_disturbance", "rest_offset", "dwell", "switch_cost", "model_x", "model_old", "model_new", "model_w", "model_c",
     "gain", "output_row", "output_offset", "start_row", "start_offset", "gate",
+]  # fmt: skip
+HORIZON_SIZES = [
+    "steps", "moves", "states", "order", "lead", "terminal", "tail", "exclusive", "dominance", "patience", "node_budget",
+]  # fmt: skip
+HORIZON_ARRAYS = [
+    "start_row", "start_disturbance", "start_offset", "pending_table", "drift", "drift_disturbance", "row_disturbance",
+    "row_offset", "reference_row", "terminal_reference", "terminal_disturbance", "terminal_offset", "F", "G", "S",
+    "root_weight", "T", "move_weight", "lift", "lift_centre", "last_value", "hull", "value", "effect", "gain",
+    "gain_previous", "pull", "place", "from_place", "metric", "from_metric", "switch_cost", "level", "dwell",
 ]  # fmt: skip
 
 PAPER = {
@@ -121,7 +131,46 @@ CASES |= {
         "bad_w": {3: [nan], 15: [nan], 16: [-inf]},
     },
 }  # fmt: skip
+GAS = {name: PAPER[name] for name in ("A", "B", "C", "delay", "levels", "Ts")}
+COUPLED = {name: value for name, value in TWO_INPUTS.items() if name not in ("Td", "lam", "r")}
+CASES |= {
+    "horizon": {
+        "about": "Ten periods of the hot gas, as the last move holds.",
+        "problem": GAS | {"horizon": {"steps": 10, "move_weight": 0.5, "tail": "hold"}},
+        "x": [470.0, 2000.0],
+        "reference": lambda t: [[500.0 + 500.0 * np.sin(2 * np.pi * t)]],
+    },
+    "horizon_two_inputs": {
+        "about": "A window, moves before its end, unequal dead times, dwell, a switch cost, a terminal cost, a disturbance.",
+        "problem": COUPLED | {
+            "min_on": [0.2, 0.15], "min_off": [0.1, 0.3], "switch_cost": [0.02, 0.01],
+            "horizon": {"steps": 5, "moves": 4, "window": [2, 5], "move_weight": [0.1, 0.02], "tail": "rest",
+                        "terminal": [[1.0, 0.2, 0.0], [0.2, 0.5, 0.0], [0.0, 0.0, 0.3]]},
+        },
+        "pending": [(0.0, 0.0), (1.0, -1.0), (1.0, 0.0), (0.0, 2.0)],
+        "elapsed": [0.05, 0.05],
+        "reference": lambda t: [[0.8 + 0.5 * np.sin(3.0 * t)], [0.4 * np.cos(2.0 * t)]],
+        "w": lambda t: [0.3 * np.sin(5.0 * t)],
+    },
+    "horizon_faults": {
+        "about": "From the pressure alone, with a leak: sliding weights, the paper's tail, three levels, samples missing.",
+        "problem": GAS | {
+            "levels": [[-1.0, 0.0, 1.0]], "r": [2], "lam": [800.0],
+            "horizon": {"steps": 6, "lam": [800.0], "tail": "zero"},
+            "estimator": {"process_noise": [0.0, 1e4], "measurement_noise": [4.0], "load": [1e-4], "gate": 6.0,
+                          "gate_limit": 2},
+        },
+        "bad_limit": 4,
+        "x": [470.0, 2000.0],
+        "noise": lambda k: [2.0 * np.cos(7.0 * k) + (300.0 if k in (6, 7) else 0.0)],
+        "load": [-0.1],
+        "reference": lambda t: [[500.0 + 500.0 * np.sin(2 * np.pi * t), 1000.0 * np.pi * np.cos(2 * np.pi * t)]],
+        "bad": {0: [nan], 4: [inf], 11: [nan], 12: [nan], 13: [nan], 14: [nan]},
+    },
+}  # fmt: skip
 STEPS = 24
+#: How much better the best candidate has to be than the next: more than single precision could blur.
+MARGIN, MARGIN_OF_HORIZON = 0.02, 0.003
 
 
 class Watch:
@@ -167,7 +216,28 @@ def complete(problem):
         "min_on": [0.0] * m, "min_off": [0.0] * m, "switch_cost": [0.0] * m, "forbidden": [],
         "safe": [min(levels, key=abs) for levels in problem["levels"]],
     }  # fmt: skip
+    if "horizon" in problem:  # what the endpoint law would have besides
+        default |= {"Td": problem["Ts"], "lam": [1.0] * q, "r": [1] * q}
     return default | problem
+
+
+class HorizonLaw(Law):
+    """The same bookkeeping, the costs by enumeration: of each candidate, with the best that may follow it."""
+
+    def __init__(self, *, horizon, **problem):
+        super().__init__(**problem)
+        steps, m = horizon["steps"], self.m
+        matrix = horizon.get("terminal")
+        self.problem = horizon_oracle.Problem(
+            self.A, self.B, self.C, self.E, self.delay, self.u_offset, self.y_offset, self.levels, self.Ts, steps,
+            horizon.get("moves", steps), horizon.get("window", (1, steps)), np.array(self.weight),
+            np.broadcast_to(horizon.get("move_weight", 0.0), (m,)), np.array(self.switch_cost), horizon["tail"],
+            horizon.get("lam"), self.r, None if matrix is None else np.array(matrix), [], self.min_on, self.min_off,
+            problem["forbidden"],
+        )  # fmt: skip
+
+    def costs(self, x, w, reference):
+        return horizon_oracle.best(self.problem, self.history, x, w, reference, self.remaining)[1]
 
 
 def controller(case, real="float64"):
@@ -177,6 +247,8 @@ def controller(case, real="float64"):
         p["A"], p["B"], p["C"], E=p["E"], input_delay=p["delay"], u_offset=p["u_offset"], y_offset=p["y_offset"]
     )
     objective = fsw.Endpoint(p["Td"], p["lam"], tail=p["tail"], weight=p["weight"])
+    if "horizon" in p:
+        objective = fsw.Horizon(**p["horizon"], weight=p["weight"], relative_degree=p["r"])
     options = {name: p[name] for name in ("min_on", "min_off", "switch_cost", "forbidden")}
     if case["bad_limit"]:
         options |= {"safe_level": p["safe"], "bad_limit": case["bad_limit"]}
@@ -191,17 +263,26 @@ def controller(case, real="float64"):
 
 def design(made):
     """The core's sizes and arrays by name."""
-    sizes, arrays = made._parts
+    sizes, arrays, _ = made._parts
     named = dict(zip(SIZES, sizes, strict=True))
     named |= {name: None if array is None else array.tolist() for name, array in zip(ARRAYS, arrays, strict=True)}
     del named["exact_levels"]
     return named
 
 
-def decided(costs):
-    """Whether the best candidate is better by more than single precision could blur."""
+def horizon_design(made):
+    """The same of its horizon."""
+    sizes, far, arrays = made._parts[2]
+    named = dict(zip(HORIZON_SIZES, sizes, strict=True)) | {"far": far}
+    return named | {
+        name: None if array is None else array.tolist() for name, array in zip(HORIZON_ARRAYS, arrays, strict=True)
+    }
+
+
+def decided(costs, margin):
+    """Whether the best candidate is better by enough."""
     ordered = sorted(cost for cost in costs if isfinite(cost))
-    return len(ordered) == 1 or ordered[1] - ordered[0] > 0.02 * ordered[1]
+    return len(ordered) == 1 or ordered[1] - ordered[0] > margin * ordered[1]
 
 
 def started(case):
@@ -211,7 +292,7 @@ def started(case):
     if estimator:
         loaded = np.array(problem["B"])[:, np.array(estimator["load"]) > 0]
         problem["E"] = np.hstack([problem["E"], loaded])
-    law = Law(**problem)
+    law = HorizonLaw(**problem) if "horizon" in problem else Law(**problem)
     law.reset(case["pending"], case["elapsed"])
     if not estimator:
         return law, Watch(law, case["bad_limit"])
@@ -238,10 +319,13 @@ def steps(case, law, watch):
     estimates = "estimator" in case["problem"]
     loads = np.array(case.get("load", []))[np.array(case["problem"]["estimator"]["load"]) > 0] if estimates else []
     x = np.array(case.get("x", [0.0] * law.n))
+    horizon = case["problem"].get("horizon")
+    ahead = max(law.delay) + law.Ts * np.arange(1, horizon["steps"] + 1) if horizon else None
+    margin = MARGIN_OF_HORIZON if horizon else MARGIN
     for k in range(STEPS):
         t = k * law.Ts
         w = np.array(case["w"](t) if "w" in case else [], float)
-        reference = np.array(case["reference"](t), float)
+        reference = np.array([case["reference"](t + a) for a in ahead] if horizon else case["reference"](t), float)
         measured = law.C @ x + law.y_offset + case["noise"](k) if estimates else x
         shown, shown_w = case.get("bad", {}).get(k, measured.tolist()), case.get("bad_w", {}).get(k, w.tolist())
         status = watch.observe(shown, shown_w)
@@ -251,8 +335,9 @@ def steps(case, law, watch):
         elif status == "SAFE":
             u = np.array(law.safe)
         else:
-            while not decided(costs := law.costs(watch.x, watch.disturbance, reference)):
-                reference[0, 0] += 0.01 * max(1.0, abs(reference[0, 0]))
+            while not decided(costs := law.costs(watch.x, watch.disturbance, reference), margin):
+                value = reference[..., 0, 0]  # of the first output, at all evaluations
+                value += 0.01 * max(1.0, abs(value.flat[0]))
             u = law.candidates[law.choice(costs)]
         yield {
             "x": shown, "reference": reference.tolist(), "w": shown_w,
@@ -275,6 +360,7 @@ def vectors():
             "problem": problem | {"E": np.asarray(problem["E"]).tolist(), "bad_limit": case["bad_limit"]},
             "start": {"pending": case["pending"], "elapsed": case["elapsed"]},
             "design": design(made),
+            **({"horizon": horizon_design(made)} if "horizon" in problem else {}),
             "line": line(law, made.pending_steps + 1),
             "wait": list(law.remaining),
             "steps": list(steps(case, law, watch)),
@@ -295,7 +381,7 @@ def text(content):
     """One line per entry and per step."""
     lines = []
     for key, value in spelled(content).items():
-        if key in ("design", "problem"):
+        if key in ("design", "horizon", "problem"):
             inner = ",\n".join(f"  {json.dumps(k)}: {json.dumps(v)}" for k, v in value.items())
             lines.append(f"{json.dumps(key)}: {{\n{inner}\n }}")
         elif key == "steps":

@@ -15,6 +15,7 @@ NAN, INF = float("nan"), float("inf")
 CONTROLLER = valve_controller()
 VENTED = valve_controller(VALVE.replace(E=[[-1.0], [0.0]]))
 OBJECTIVE = fsw.Endpoint(0.02, 2500.0)
+HORIZON = fsw.Controller(VALVE, [0, 1], 1e-3, fsw.Horizon(5))
 
 
 def build(*, plant=VALVE, levels=(0, 1), Ts=1e-3, objective=OBJECTIVE, **options):
@@ -105,6 +106,107 @@ MISTAKES = {
         lambda: build(objective=fsw.Endpoint(0.02, 1, relative_degree=1.5)),
         r"relative_degree is 1\.5",
     ),
+    # long horizons
+    "steps 0": (lambda: fsw.Horizon(0), "steps is 0; give a whole number from 1 to 64"),
+    "steps many": (lambda: fsw.Horizon(65), "steps is 65; give a whole number from 1 to 64"),
+    "steps broken": (lambda: fsw.Horizon(2.5), r"steps is 2\.5"),
+    "steps NaN": (lambda: fsw.Horizon(NAN), "steps is nan"),
+    "steps infinite": (lambda: fsw.Horizon(INF), "steps is inf"),
+    "steps text": (lambda: fsw.Horizon("ten"), "steps is 'ten'"),
+    "steps missing": (lambda: fsw.Horizon(None), "steps is None"),
+    "moves 0": (lambda: fsw.Horizon(5, moves=0), "moves is 0; give a whole number from 1 to 5"),
+    "moves beyond": (lambda: fsw.Horizon(5, moves=6), "moves is 6; give a whole number from 1 to 5"),
+    "moves text": (lambda: fsw.Horizon(5, moves="all"), "moves is 'all'"),
+    "window one": (lambda: fsw.Horizon(5, window=3), "window is 3; give the first and the last"),
+    "window three": (lambda: fsw.Horizon(5, window=(1, 2, 3)), r"window is \(1, 2, 3\)"),
+    "window early": (lambda: fsw.Horizon(5, window=(0, 3)), "window is 0; give a whole number from 1 to 5"),
+    "window late": (lambda: fsw.Horizon(5, window=(1, 6)), "window is 6; give a whole number from 1 to 5"),
+    "window backwards": (lambda: fsw.Horizon(5, window=(4, 2)), "window is 2; give a whole number from 4 to 5"),
+    "window text": (lambda: fsw.Horizon(5, window="15"), "window is '15'"),
+    "steps true": (lambda: fsw.Horizon(True), "steps is True"),
+    "window broken": (lambda: fsw.Horizon(5, window=(1, 2.5)), r"window is 2\.5; give a whole number from 1 to 5"),
+    "horizon weight beyond all numbers": (
+        lambda: build(objective=fsw.Horizon(5, weight=1e308)),
+        "steps is 5, too long for",
+    ),
+    "window ragged": (lambda: fsw.Horizon(5, window=[1, [2, 3]]), r"window is \[2, 3\]; give one number"),
+    "horizon weight < 0": (lambda: fsw.Horizon(5, weight=-1), "weight is -1"),
+    "horizon weight 0": (lambda: fsw.Horizon(5, weight=0), "weight is 0"),
+    "horizon weight NaN": (lambda: fsw.Horizon(5, weight=NAN), "weight holds NaN"),
+    "horizon lam 0": (lambda: fsw.Horizon(5, lam=0), "lam is 0; it must be greater than 0"),
+    "horizon lam NaN": (lambda: fsw.Horizon(5, lam=NAN), "lam holds NaN"),
+    "move_weight < 0": (lambda: fsw.Horizon(5, move_weight=-1), "move_weight is -1; it must be at least 0"),
+    "move_weight text": (lambda: fsw.Horizon(5, move_weight="some"), "move_weight is 'some'"),
+    "horizon tail": (lambda: fsw.Horizon(5, tail="held"), "tail is 'held'; did you mean 'hold'"),
+    "terminal word": (lambda: fsw.Horizon(5, terminal="ricatti"), "terminal is 'ricatti'; give 'riccati' or a matrix"),
+    "node_budget 0": (lambda: fsw.Horizon(5, node_budget=0), "node_budget is 0; give a whole number from 1"),
+    "node_budget broken": (lambda: fsw.Horizon(5, node_budget=1e3 + 0.5), r"node_budget is 1000\.5"),
+    "node_budget large": (lambda: fsw.Horizon(5, node_budget=2**32), "node_budget is 4294967296"),
+    "move_weight, one too many": (
+        lambda: build(objective=fsw.Horizon(5, move_weight=[1, 2])),
+        r"move_weight has shape \(2,\); give one number or one per input",
+    ),
+    "horizon weight, one too many": (
+        lambda: build(objective=fsw.Horizon(5, weight=[1, 2])),
+        r"weight has shape \(2,\); give one number or one per output",
+    ),
+    "horizon lam, one too many": (
+        lambda: build(objective=fsw.Horizon(5, lam=[1, 2])),
+        r"lam has shape \(2,\); give one number or one per output",
+    ),
+    "horizon relative degree": (
+        lambda: build(objective=fsw.Horizon(5, lam=1, relative_degree=3)),
+        "relative_degree is 3",
+    ),
+    "terminal shape": (
+        lambda: build(objective=fsw.Horizon(5, terminal=[[1.0]])),
+        r"terminal has shape \(1, 1\); shape \(2, 2\) is needed",
+    ),
+    "terminal not symmetric": (
+        lambda: build(objective=fsw.Horizon(5, terminal=[[1, 1], [0, 1]])),
+        r"terminal is \[\[1\.0, 1\.0\], \[0\.0, 1\.0\]\]; give a symmetric matrix",
+    ),
+    "terminal negative": (
+        lambda: build(objective=fsw.Horizon(5, terminal=[[1, 0], [0, -1]])),
+        r"terminal is .*; give a symmetric matrix without negative eigenvalues",
+    ),
+    "terminal NaN": (lambda: build(objective=fsw.Horizon(5, terminal=[[NAN, 0], [0, 1]])), "terminal holds NaN"),
+    "terminal without a law": (
+        lambda: build(plant=plant([[0.5, 0], [0, 0.3]], [0, 1], [1, 1]), objective=fsw.Horizon(5, terminal="riccati")),
+        "terminal is 'riccati', but the plant has a mode that no input moves or no output shows",
+    ),
+    "horizon too unstable": (
+        lambda: fsw.Controller(plant([[900.0]]), [0, 1], 0.1, fsw.Horizon(64)),
+        "steps is 64, too long for this unstable plant or these weights",
+    ),
+    "horizon with a lead too long": (
+        lambda: fsw.Controller(plant([[0.0]], [[1, 1]], input_delay=[0.0, 0.5]), [[0, 1]] * 2, 0.1, fsw.Horizon(60)),
+        r"the horizon has 65 steps \(those that the fastest input is ahead included\); the core holds up to 64",
+    ),
+    "horizon with too many waiting": (
+        lambda: fsw.Controller(plant([[0.0]], [[1, 1]], input_delay=[0.0, 1.6]), [[0, 1]] * 2, 0.1, fsw.Horizon(5)),
+        "the horizon has 17 states and waiting moves; the core holds up to 16",
+    ),
+    "horizon of too many candidates": (
+        lambda: build(levels=np.arange(65), objective=fsw.Horizon(2)),
+        "the horizon has 65 candidates; the core holds up to 64",
+    ),
+    "horizon preview word": (
+        lambda: build(objective=fsw.Horizon(5), preview="lag"),
+        "preview is 'lag'; a Horizon takes False, True or seconds",
+    ),
+    "horizon preview NaN": (lambda: build(objective=fsw.Horizon(5), preview=NAN), "preview is nan"),
+    "horizon reference shape": (
+        lambda: HORIZON.step([0, 0], np.zeros((4, 1, 1))),
+        r"reference has shape \(4, 1, 1\); give \(5, 1, 1\)",
+    ),
+    "horizon reference derivatives": (
+        lambda: HORIZON.step([0, 0], np.zeros((5, 1, 2))),
+        r"reference has shape \(5, 1, 2\)",
+    ),
+    "horizon reference NaN": (lambda: HORIZON.step([0, 0], np.full((5, 1, 1), NAN)), "reference holds NaN"),
+    "horizon x": (lambda: HORIZON.step([0], 0), r"x has shape \(1,\)"),
+    "horizon pending": (lambda: HORIZON.reset(pending=[0, 1]), r"pending has shape \(2,\)"),
     # controllers
     "no plant": (lambda: build(plant=[[0]]), "plant is a list"),
     "no objective": (lambda: build(objective=0.02), r"objective is 0\.02"),
@@ -278,6 +380,7 @@ UNKNOWN = {
     "Plant.fopdt": lambda: fsw.Plant.fopdt(1, 1, 1, dead_time=1),
     "Plant.from_tf": lambda: fsw.Plant.from_tf([1], [1, 1], dead_time=1),
     "Endpoint": lambda: fsw.Endpoint(1, 1, dead_time=1),
+    "Horizon": lambda: fsw.Horizon(1, dead_time=1),
     "Controller": lambda: build(dead_time=1),
     "reset": lambda: CONTROLLER.reset(dead_time=1),
     "step": lambda: CONTROLLER.step([0, 0], 0, dead_time=1),

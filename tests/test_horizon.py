@@ -808,3 +808,9 @@ def test_replace_and_repr_know_the_horizon():
     ahead = hot_gas(3, preview=True).reference_times
     assert ahead == pytest.approx([0.006, 0.007, 0.008])
     assert hot_gas(3, preview=0.002).reference_times == pytest.approx([0.002] * 3)
+
+
+def test_whole_numbers_may_be_floats():
+    given = fsw.Horizon(5.0, moves=np.float64(3), window=np.array([1.0, 4.0]), node_budget=1e4)
+    assert given == fsw.Horizon(5, moves=3, window=(1, 4), node_budget=10000)
+    assert hot_gas(objective=given).decide([0.0, 0.0], 100.0).sequence.shape == (3, 1)

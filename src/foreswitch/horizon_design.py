@@ -60,7 +60,7 @@ class HorizonDesign:
         S = np.hstack([self.sliding.state, np.zeros((q, size - plant.states))])
         move_weight = _check.per("move_weight", objective.move_weight, m, "input")
         self.moves = objective.moves or objective.steps
-        too_long = f"steps is {objective.steps}, too long for this unstable plant; shorten it"
+        too_long = f"steps is {objective.steps}, too long for this unstable plant or these weights; reduce them"
         with np.errstate(over="ignore", invalid="ignore"):  # checked below
             self.terminal = self._terminal(S, move_weight)
             try:

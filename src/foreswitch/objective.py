@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -114,16 +115,23 @@ class Horizon:
     relative_degree: ArrayLike | None = None
 
     def __post_init__(self) -> None:
-        _whole("steps", self.steps, 1, LONGEST)
+        def keep(name: str, value: int | tuple[int, int]) -> None:
+            object.__setattr__(self, name, value)  # 5.0 as 5: frozen
+
+        keep("steps", _whole("steps", self.steps, 1, LONGEST))
         if self.moves is not None:
-            _whole("moves", self.moves, 1, self.steps)
+            keep("moves", _whole("moves", self.moves, 1, self.steps))
         if self.node_budget is not None:
-            _whole("node_budget", self.node_budget, 1, 2**32 - 1)
+            keep("node_budget", _whole("node_budget", self.node_budget, 1, 2**32 - 1))
         if self.window is not None:
-            if np.shape(self.window) != (2,):
+            if (
+                not isinstance(self.window, (Sequence, np.ndarray))
+                or isinstance(self.window, str)
+                or len(self.window) != 2
+            ):
                 raise ValueError(f"window is {self.window!r}; give the first and the last period")
-            _whole("window", self.window[0], 1, self.steps)
-            _whole("window", self.window[1], self.window[0], self.steps)
+            first = _whole("window", self.window[0], 1, self.steps)
+            keep("window", (first, _whole("window", self.window[1], first, self.steps)))
         if self.lam is not None and (_check.array("lam", self.lam) <= 0).any():
             raise ValueError(f"lam is {self.lam!r}; it must be greater than 0")
         _check_weight(self.weight)
@@ -141,6 +149,7 @@ def _check_weight(value: ArrayLike) -> None:
         raise ValueError(f"weight is {value!r}; give numbers >= 0, at least one of them > 0")
 
 
-def _whole(name: str, value: float, least: int, most: int) -> None:
-    if not least <= _check.number(name, value) <= most or value != int(value):
+def _whole(name: str, value: float, least: int, most: int) -> int:
+    if isinstance(value, (bool, np.bool_)) or not least <= _check.number(name, value) <= most or value != int(value):
         raise ValueError(f"{name} is {value}; give a whole number from {least} to {most}")
+    return int(value)

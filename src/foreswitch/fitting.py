@@ -35,12 +35,12 @@ BEST, VALLEYS, APART = 3, 12, 0.25
 NOTHING = 1e-6
 #: Starts whose inputs get dead times of their own.
 REFINED = 6
-#: Dead times tried again with the poles found.
-AGAIN = 100
+#: Dead times tried again with the poles found, and how often.
+AGAIN, ROUNDS = 100, 4
 #: Step of the central difference in a nonlinear parameter, which is of order one.
 STEP = 1e-5
 #: Stages of the way down from the starts: tolerance, most evaluations, how many go on.
-DESCENT = ((1e-2, 8, 4), (1e-4, 30, 1), (1e-10, 60, 1))
+DESCENT = ((1e-2, 15, 6), (1e-4, 40, 1), (1e-10, 60, 1))
 
 
 @dataclass(frozen=True)
@@ -229,6 +229,11 @@ class Trial:
         each = [np.concatenate(lin.residuals) / s for lin, s in zip(self.linear, self.problem.sigma, strict=True)]
         return np.concatenate(each)
 
+    def square(self) -> float:
+        """Sum of squares, in variances."""
+        residual = self.residual()
+        return float(residual @ residual)
+
     def derivatives(self, o: int) -> list[Array]:
         """Per segment, the derivative of output o by its nonlinear parameters and the dead times, gains held."""
         problem, linear = self.problem, self.linear[o]
@@ -315,15 +320,22 @@ def search(problem: Problem) -> Trial:
     times. So its scan keeps clearly different dead times, and with the poles found all dead times are tried again.
     """
     found = solve(problem, _scan(problem))
-    if problem.structures[0].order:
-        theta, delays = found.theta[problem.slices[0]], found.theta[problem.delays]
-        cost, grid = _profile(problem, theta), np.linspace(0.0, problem.longest_delay, AGAIN)
-        starts = [found.theta]
-        for j in range(delays.size):
-            trials = [np.r_[delays[:j], delay, delays[j + 1 :]] for delay in grid]
-            starts += [np.r_[theta, trials[i]] for i in _valleys(np.array([cost(trial) for trial in trials]))[:BEST]]
-        found = solve(problem, starts)
+    for _ in range(ROUNDS if problem.structures[0].order else 0):
+        before, found = found, solve(problem, [found.theta, *_other_valleys(found)])
+        if found.square() > 0.99 * before.square():
+            break
     return found
+
+
+def _other_valleys(found: Trial) -> list[Array]:
+    """Starts with the same poles and one dead time in another valley."""
+    problem, starts = found.problem, []
+    cost = _profile(problem, found.theta[problem.slices[0]])
+    grid = np.linspace(0.0, problem.longest_delay, AGAIN)
+    for k in range(problem.delays.start, problem.delays.stop):
+        trials = [np.r_[found.theta[:k], delay, found.theta[k + 1 :]] for delay in grid]
+        starts += [trials[i] for i in _valleys(np.array([cost(trial[problem.delays]) for trial in trials]))[:BEST]]
+    return starts
 
 
 def _scan(problem: Problem) -> list[Array]:

@@ -187,8 +187,9 @@ uint32_t fsw_reference_size(const fsw_design *design);
 const uint8_t *fsw_issued(const fsw_design *design, const fsw_state *state, uint16_t age);
 
 /* Choose without committing: what fsw_step would do; of the state only the scratch is written.
- * x [measured], reference [outputs][order], for a horizon [steps - lead][outputs][order], w [disturbances - loads] (null if there are none) in the design's units;
- * costs [candidates] receives every candidate's cost, infinity where dwell forbids it; may be null. */
+ * x [measured], reference [outputs][order], for a horizon [steps - lead][outputs][order], w [disturbances - loads]
+ * (null if there are none) in the design's units; costs [candidates] receives every candidate's cost, infinity where
+ * dwell forbids it; may be null. */
 fsw_decision fsw_decide(const fsw_design *design, fsw_state *state, const fsw_real *x, const fsw_real *reference,
                         const fsw_real *w, fsw_real *costs);
 

@@ -17,7 +17,18 @@ MODULES = sorted(path.stem for path in SOURCE.glob("*.py"))
 # Data flows one way: a module may import from rows above its own, never from its own row or below.
 ORDER = [
     {"plant"},
-    {"prediction", "reference", "objective", "nonlinear", "plot", "estimator", "record", "structure", "response", "levels"},
+    {
+        "prediction",
+        "reference",
+        "objective",
+        "nonlinear",
+        "plot",
+        "estimator",
+        "record",
+        "structure",
+        "response",
+        "levels",
+    },
     {"hardware", "fitting", "horizon"},
     {"core", "estimate", "endpoint_design"},
     {"horizon_design"},

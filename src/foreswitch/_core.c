@@ -186,8 +186,8 @@ static int attach_horizon(views *v, PyObject *parts, const fsw_design *d, fsw_ho
     unsigned int steps, moves, states, order, lead, terminal, tail, exclusive, dominance, patience, budget;
     double far;
     PyObject *arrays;
-    if (!PyArg_ParseTuple(parts, "(IIIIIIIIIII)dO", &steps, &moves, &states, &order, &lead, &terminal, &tail, &exclusive,
-                          &dominance, &patience, &budget, &far, &arrays))
+    if (!PyArg_ParseTuple(parts, "(IIIIIIIIIII)dO", &steps, &moves, &states, &order, &lead, &terminal, &tail,
+                          &exclusive, &dominance, &patience, &budget, &far, &arrays))
         return 0;
     const fsw_horizon sizes = {.steps = (uint16_t)steps,
                                .moves = (uint16_t)moves,
@@ -1114,11 +1114,16 @@ static PyObject *metrics(PyObject *module, PyObject *args)
 #define FAST(function) ((PyCFunction)(void (*)(void))(function))
 
 static PyMethodDef predictive_methods[] = {
-    {"step", FAST(predictive_step), METH_FASTCALL, NULL},  {"decide", FAST(predictive_decide), METH_FASTCALL, NULL},
-    {"preload", predictive_preload, METH_VARARGS, NULL},   {"line", predictive_line, METH_NOARGS, NULL},
-    {"wait", predictive_wait, METH_NOARGS, NULL},          {"save", predictive_save, METH_NOARGS, NULL},
-    {"restore", predictive_restore, METH_O, NULL},         {"start", predictive_start, METH_VARARGS, NULL},
-    {"estimate", predictive_estimate, METH_VARARGS, NULL}, {"sequence", predictive_sequence, METH_NOARGS, NULL},
+    {"step", FAST(predictive_step), METH_FASTCALL, NULL},
+    {"decide", FAST(predictive_decide), METH_FASTCALL, NULL},
+    {"preload", predictive_preload, METH_VARARGS, NULL},
+    {"line", predictive_line, METH_NOARGS, NULL},
+    {"wait", predictive_wait, METH_NOARGS, NULL},
+    {"save", predictive_save, METH_NOARGS, NULL},
+    {"restore", predictive_restore, METH_O, NULL},
+    {"start", predictive_start, METH_VARARGS, NULL},
+    {"estimate", predictive_estimate, METH_VARARGS, NULL},
+    {"sequence", predictive_sequence, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
 static PyMemberDef predictive_members[] = {
@@ -1173,9 +1178,9 @@ PyMODINIT_FUNC INIT(void)
     rig_type = add_type(module, &rig_spec, "Rig");
     predictive_type = add_type(module, &predictive_spec, "Predictive");
     baseline_type = add_type(module, &baseline_spec, "Baseline");
-    const int limits[] = {FSW_MAX_STATES, FSW_MAX_INPUTS, FSW_MAX_OUTPUTS, FSW_MAX_DISTURBANCES, FSW_MAX_LINE,
+    const int limits[] = {FSW_MAX_STATES, FSW_MAX_INPUTS, FSW_MAX_OUTPUTS,    FSW_MAX_DISTURBANCES,  FSW_MAX_LINE,
                           FSW_MAX_STEPS,  FSW_MAX_MOVES,  FSW_HORIZON_STATES, FSW_HORIZON_CANDIDATES};
-    const char *names[] = {"MAX_STATES", "MAX_INPUTS", "MAX_OUTPUTS", "MAX_DISTURBANCES", "MAX_LINE",
+    const char *names[] = {"MAX_STATES", "MAX_INPUTS", "MAX_OUTPUTS",    "MAX_DISTURBANCES",  "MAX_LINE",
                            "MAX_STEPS",  "MAX_MOVES",  "HORIZON_STATES", "HORIZON_CANDIDATES"};
     for (int i = 0; i < 9; i++)
         if (PyModule_AddIntConstant(module, names[i], limits[i]) < 0) return Py_DECREF(module), NULL;

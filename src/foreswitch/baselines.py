@@ -19,8 +19,8 @@ from scipy.optimize import differential_evolution
 from foreswitch import _check
 from foreswitch._check import Array
 from foreswitch.controller import canonical_reference
-from foreswitch.levels import dwell_periods, input_levels, level_indices, safe_indices
 from foreswitch.core import CORES, core_plant
+from foreswitch.levels import dwell_periods, input_levels, level_indices, safe_indices
 from foreswitch.loop import simulate
 from foreswitch.nonlinear import SteppedPlant
 from foreswitch.plant import Plant

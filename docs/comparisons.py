@@ -153,16 +153,13 @@ def buys_picture(points: dict[str, list[Point]], rates: list[float], name: str, 
     figure = plot.figure(size=(7.2, 3.8))
     axes = figure.axes[0]
     styles = {f"N = {N}": (shade, "o") for N, shade in zip(HORIZONS, SHADES, strict=True)} | STYLES
-    names = {law: law for law in points}
-    first, endpoint = ([(p.rate, p.error) for p in points[law]] for law in ("N = 1", "endpoint"))
-    if first == endpoint:  # one law, one line
-        names["N = 1"] += f" = {names.pop('endpoint')}"
-    for law, label in names.items():
+    for law in points:
         (colour, mark), best = styles[law], frontier(points[law])
         axes.plot([p.rate for p in points[law]], [p.error for p in points[law]], mark, color=colour, markersize=2.0,
                   alpha=0.35)  # fmt: skip
-        axes.plot([p.rate for p in best], [p.error for p in best], color=colour, linewidth=1.2, marker=mark,
-                  markersize=3.2, label=label)  # fmt: skip
+        dashes = "--" if law == "endpoint" else "-"  # it may lie on a horizon's
+        axes.plot([p.rate for p in best], [p.error for p in best], dashes, color=colour, linewidth=1.2, marker=mark,
+                  markersize=3.2, label=law)  # fmt: skip
     for rate, word in zip(rates, ("R", "R/2", "R/4"), strict=True):
         axes.axvline(rate, color="0.75", linewidth=0.8, linestyle=":", zorder=0)
         axes.text(
@@ -170,9 +167,9 @@ def buys_picture(points: dict[str, list[Point]], rates: list[float], name: str, 
         )
     axes.set_xscale("log")
     axes.set_yscale("log")
-    everything = [p for law in names for p in points[law]]
+    everything = [p for law in points for p in points[law]]
     slow = [found for law in points if law.startswith("N") if (found := at(points[law], rates[-1]))]
-    ends = [frontier(points[law])[-1] for law in names]  # every law shows its smallest error
+    ends = [frontier(points[law])[-1] for law in points]  # every law shows its smallest error
     axes.set_ylim(0.8 * min(p.error for p in everything), 1.5 * max([*slow, *(p.error for p in ends)]))
     axes.set_xlim(0.8 * min(rates[-1] / 1.5, *(p.rate for p in ends)), 1.2 * max(p.rate for p in everything))
     for axis in (axes.xaxis, axes.yaxis):

@@ -478,6 +478,8 @@ COMPARED = {
     "horizon.md": [
         "At R all five leave {inverter_1_full} A. At half of it ten periods leave {inverter_10_half} A and one "
         "{inverter_1_half} A, at a quarter {inverter_10_quarter} A and {inverter_1_quarter} A",
+        "at most {nodes} nodes; the last column",
+        "is run at {prices} prices of a switch, from none upward, and at its own",
         "only {inverter_proven} % of the steps of twenty periods ended by themselves",
         "At R it leaves {oven_1_full} °C, twenty periods {oven_20_full} °C; at half of R {oven_1_half} °C and "
         "{oven_20_half} °C. Without a price it leaves {oven_step_rms} °C",
@@ -542,6 +544,7 @@ def build(folder: Path) -> None:
     (folder / "family.md").write_text(markdown_table(horizons.HEADS, rows))
     tables, bought, found = comparisons.collect(compared, folder / "compare")
     values |= of_family | found | comparisons.printed()
+    values |= {"nodes": f"{comparisons.NODE_BUDGET:,}".replace(",", " "), "prices": str(len(comparisons.PRICES))}
     (folder / "buys.md").write_text(buys_page(bought))
     heads = ["example", "at R", "at R/2", "at R/4"]
     (folder / "enough.md").write_text(markdown_table(heads, enough_rows(bought)))

@@ -544,7 +544,6 @@ def build(folder: Path) -> None:
     (folder / "family.md").write_text(markdown_table(horizons.HEADS, rows))
     tables, bought, found = comparisons.collect(compared, folder / "compare")
     values |= of_family | found | comparisons.printed()
-    values |= {"nodes": f"{comparisons.NODE_BUDGET:,}".replace(",", " "), "prices": str(len(comparisons.PRICES))}
     (folder / "buys.md").write_text(buys_page(bought))
     heads = ["example", "at R", "at R/2", "at R/4"]
     (folder / "enough.md").write_text(markdown_table(heads, enough_rows(bought)))

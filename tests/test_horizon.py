@@ -154,6 +154,31 @@ def test_the_cost_is_that_of_exhaustive_enumeration(part, setting, monkeypatch, 
     record_property(f"worst relative error, {setting} {part}", f"{worst:.1e}")
 
 
+def test_paths_that_meet_are_not_alike_if_one_must_wait_longer(monkeypatch):
+    """An integrator with equal steps: states meet again and again, after moves that leave unlike dwells and prices."""
+    set_search(monkeypatch, "comparing")
+    for seed in range(36):
+        rng = np.random.default_rng([seed, 11])
+        levels = [[-1.0, 0.0, 1.0], [0.0, 1.0], [0.0, 1.0, 2.0]][seed % 3]
+        moves, Ts = {2: 11, 3: 7}[len(levels)], 0.1
+        on, off = (Ts * rng.integers(1, 5, 2)).tolist()
+        p = oracle.Problem(
+            np.array([[rng.choice([0.0, -0.5])]]), np.eye(1), np.eye(1), np.zeros((1, 0)), [0.0], np.zeros(1), np.zeros(1),
+            [levels], Ts, moves, moves, (1, moves), np.full(1, 100.0), np.zeros(1), rng.uniform(0, 0.4, 1) * (seed % 4 == 0),
+            "hold", min_on=[on], min_off=[off],
+        )  # fmt: skip
+        controller = controller_of(p)
+        past, _, w, _, wait = random_step(rng, p, controller)
+        sequences = oracle.admissible(p, past[-1], wait)
+        for _ in range(20):
+            x = 0.3 * rng.standard_normal(1)
+            reference = (
+                x + np.cumsum(0.1 * rng.choice([-1, 0, 1], (moves, 1, 1)), axis=0) + 0.05 * rng.standard_normal()
+            )
+            least = oracle.costs_of(p, past, x, w, reference, sequences).min()
+            assert controller.decide(x, reference).cost == pytest.approx(least, rel=1e-9, abs=1e-12), seed
+
+
 def test_superposition_is_simulation():
     """The enumeration itself: costs of whole sequences, each simulated by itself."""
     for seed in range(40):

@@ -179,6 +179,36 @@ def test_paths_that_meet_are_not_alike_if_one_must_wait_longer(monkeypatch):
             assert controller.decide(x, reference).cost == pytest.approx(least, rel=1e-9, abs=1e-12), seed
 
 
+def test_prices_hold_where_two_inputs_do_the_same(monkeypatch):
+    """No move is bounded by its own square there, and what the prices take off must be all of its slope."""
+    set_search(monkeypatch, "pricing")
+    for seed in range(20, 100):
+        rng = np.random.default_rng([seed, 21])
+        n, moves = int(rng.integers(1, 4)), int(rng.integers(2, 5))
+        A, B, C = random_plant(rng, n, 2, 1, ("any", "alike")[seed % 2])
+        p = oracle.Problem(
+            A, B, C, np.zeros((n, 0)), [0.0, 0.0 if seed % 3 else 0.13], np.zeros(2), np.zeros(1),
+            [[-1.0, 0.0, 1.0] if seed % 2 else [0.0, 1.0], [0.0, 1.0]], 0.2, moves, moves,
+            (1 if seed % 4 else moves, moves), np.ones(1), np.zeros(2), np.zeros(2), "hold", min_on=[0, 0], min_off=[0, 0],
+        )  # fmt: skip
+        controller = controller_of(p)
+        past, _, w, _, wait = random_step(rng, p, controller)
+        for _ in range(10):
+            x = rng.standard_normal(n) * rng.choice([0.3, 1.0, 3.0, 10.0])
+            reference = rng.standard_normal((moves, 1, 1)) * rng.choice([0.3, 3.0])
+            least = oracle.best(p, past, x, w, reference, wait)[0]
+            assert controller.decide(x, reference).cost == pytest.approx(least, rel=1e-9, abs=1e-12), seed
+
+
+@pytest.mark.parametrize("levels", [[0.0, 1.0], [-1.0, 0.0, 1.0]])
+def test_far_from_the_reference_the_search_stays_small(levels):
+    """Up to 60 pulses off, of which 20 periods make up a third; without prices it takes millions."""
+    controller = hot_gas(20, levels)
+    pulses = np.concatenate([np.linspace(0.3, 3.0, 10), np.linspace(3.0, 60.0, 39)])
+    nodes = [controller.decide([0.0, 0.0], sign * 16.5 * d).nodes for d in pulses for sign in (1, -1)]
+    assert max(nodes) < 2000
+
+
 def test_superposition_is_simulation():
     """The enumeration itself: costs of whole sequences, each simulated by itself."""
     for seed in range(40):

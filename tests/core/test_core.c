@@ -599,13 +599,13 @@ static unsigned denormals(const fsw_real *values, size_t bytes)
     return count;
 }
 
-/* Far below everything, and with a mode that dies within a period, the scratch holds no denormal number. */
+/* Far below everything, and with a mode that reaches the denormal numbers within the horizon, the scratch holds none. */
 static void decayed_plans(const fsw_design *good, fsw_state *state)
 {
-    const fsw_real tiny = sizeof(fsw_real) == sizeof(double) ? (fsw_real)1e-300 : (fsw_real)1e-36;
+    const fsw_real tiny = sizeof(fsw_real) == sizeof(double) ? (fsw_real)1e-285 : (fsw_real)1e-28;
     fsw_design d = *good;
     fsw_horizon h = *good->horizon;
-    const fsw_real F[] = {1, h.F[1], 0, (fsw_real)1e-12};
+    const fsw_real F[] = {1, h.F[1], 0, (fsw_real)(sizeof(fsw_real) == sizeof(double) ? 1e-3 : 1e-2)};
     fsw_real u;
     d.horizon = &h;
     h.F = F;

@@ -26,7 +26,19 @@
 extern "C" {
 #endif
 
-/* ---- Limits: an exported design sets them to its own sizes, and the state shrinks with them ---- */
+/* ---- Limits: an exported design sets them to its own sizes in a header beside this one; the state shrinks with them,
+ * and what it does not use is left out. A compiler without __has_include is told by -DFSW_EXPORTED. ---- */
+
+#ifdef __has_include
+#if __has_include("foreswitch_design.h") && !defined(FSW_EXPORTED)
+#define FSW_EXPORTED
+#endif
+#endif
+#ifdef FSW_EXPORTED
+#define FSW_LIMITS
+#include "foreswitch_design.h"
+#undef FSW_LIMITS
+#endif
 
 #ifndef FSW_MAX_STATES
 #define FSW_MAX_STATES 64
@@ -47,6 +59,13 @@ extern "C" {
 #define FSW_MAX_MOVES 0 /* of a long horizon, see horizon.h; 0: none, and none of its memory */
 #endif
 
+/* FSW_FIXED promises that every design has exactly these sizes, and besides
+ *     FSW_DISTURBANCES, FSW_LOADS, FSW_ORDER, FSW_CANDIDATES    those of fsw_design
+ *     FSW_ESTIMATOR, FSW_REST     0 or 1: there is a gain, a rest_reference
+ *     FSW_SWITCH_COST             0: none, 1: there may be
+ *     FSW_HELD_ONCE               1: every input has one holding time, 0: there may be more
+ * so that the compiler sees constants. fsw_init refuses a design that breaks the promise. */
+
 /* ---- Types ---- */
 
 #ifdef FSW_SINGLE
@@ -54,6 +73,9 @@ typedef float fsw_real;
 #define FSW_TINY 1e-30f /* below: zero, so that a decayed state cannot slow the arithmetic */
 #define FSW_HUGE 1e30f  /* above: not a measurement */
 #else
+#if defined(__SIZEOF_DOUBLE__) && __SIZEOF_DOUBLE__ < 8
+#error "double has 32 bits here, as on an AVR: define FSW_SINGLE, export with float32"
+#endif
 typedef double fsw_real;
 #define FSW_TINY 1e-290
 #define FSW_HUGE 1e290
@@ -141,6 +163,7 @@ typedef struct {
     fsw_real x[FSW_MAX_STATES];       /* the state last used: measured, estimated or predicted */
     fsw_real w[FSW_MAX_DISTURBANCES]; /* the disturbances last used, measured and estimated */
     uint32_t wait[FSW_MAX_INPUTS];    /* periods each input must still keep its present level */
+    uint32_t bad_total;               /* bad samples since fsw_init, saturating */
     uint16_t head;                    /* row of the delay line that the next command takes */
     uint16_t bad;                     /* consecutive bad samples, saturating */
     uint8_t primed;                   /* x holds something */
@@ -166,13 +189,18 @@ typedef struct {
 /* ---- Functions. Costs are worst cases in multiply-adds. ---- */
 
 /* Check a design and start its state: safe levels under way, no dwell running, nothing measured.
- * Every index in the design is checked; array lengths cannot be. Cost O(candidates * inputs). */
+ * Every size and index in the design is checked, and that levels are finite and ascend; array lengths cannot be.
+ * A state belongs to the design it was started with. Cost O(candidates * inputs). */
 fsw_validity fsw_init(const fsw_design *design, fsw_state *state);
 
 /* Start from known commands: line [rows][inputs] level indices, oldest first, the last one present;
  * wait [inputs] periods that each input must still keep its level (0: free). Keeps what was measured.
  * Returns FSW_INCONSISTENT, and changes nothing, if an index is out of range. */
 fsw_validity fsw_preload(const fsw_design *design, fsw_state *state, const uint8_t *line, const uint32_t *wait);
+
+/* Periods that an input must still keep a level which it took `elapsed` periods ago, for `wait`. Where nobody knows how
+ * long ago, 0 is the careful answer. */
+uint32_t fsw_dwell_left(const fsw_design *design, uint16_t input, uint8_t level, uint32_t elapsed);
 
 /* Start from a known state x [states] under w [disturbances], estimated loads included, as fsw_state holds them after a
  * step: the next step carries them over one period. Commands and dwell stay.
@@ -200,6 +228,23 @@ fsw_decision fsw_decide(const fsw_design *design, fsw_state *state, const fsw_re
  * measured * (2 states + loads + measured). */
 fsw_decision fsw_step(const fsw_design *design, fsw_state *state, const fsw_real *x, const fsw_real *reference,
                       const fsw_real *w, fsw_real *u);
+
+/* ---- Periods in which fsw_step does not choose. Delay line, dwell and estimate stay true, so that the next fsw_step
+ * takes over without a bump. They cost what a bad measurement costs. ---- */
+
+/* Somebody else chose, say an operator: command [inputs], the level indices really issued in this period, allowed or
+ * not. x and w as in fsw_step; x null: nothing was measured, and then w is not read.
+ * Returns FSW_INCONSISTENT, and changes nothing, if an index is out of range. */
+fsw_validity fsw_track(const fsw_design *design, fsw_state *state, const fsw_real *x, const fsw_real *w,
+                       const uint8_t *command);
+
+/* So many calls did not come, and the command in force simply went on. Call before the next fsw_step; `periods` times
+ * the cost. After a longer silence start anew: fsw_init, fsw_preload. */
+void fsw_missed(const fsw_design *design, fsw_state *state, uint16_t periods);
+
+/* A fault: the safe levels at once, whatever the dwell, written to u [inputs]. In place of fsw_step, in each period for
+ * as long as it lasts. x and w as in fsw_track. */
+void fsw_safe(const fsw_design *design, fsw_state *state, const fsw_real *x, const fsw_real *w, fsw_real *u);
 
 #ifdef __cplusplus
 }

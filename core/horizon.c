@@ -548,7 +548,8 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
         const natural open = s->u.tree.next[k];
         if (open == s->u.tree.count[k] || !(s->u.tree.bound[k][open] < answer.excess)) {
             dived = 1;
-            if (k-- > 0) continue;
+            /* the first descent only fails where costs overflow: without an incumbent, the rest might never end */
+            if (answer.found && k-- > 0) continue;
             answer.optimal = answer.found;
             return answer;
         }

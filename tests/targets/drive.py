@@ -1,0 +1,218 @@
+"""What drive.c is told, and what it must answer: the same operations on the core inside Python, bit by bit."""
+
+import re
+import struct
+import sys
+import zlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from foreswitch import Controller
+from foreswitch.core import CORES, REALS
+from targets.harness import HERE, Image, Target
+
+#: In the order of the binding.
+SIZES = ["states", "inputs", "outputs", "disturbances", "order", "rows", "candidates", "bad_limit", "measured", "loads", "gate_limit"]
+END, STEP, DECIDE_AND_STEP, PRELOAD, START, INIT = range(6)
+
+
+def law_sizes(law: Controller) -> dict[str, int]:
+    return dict(zip(SIZES, law._parts[0], strict=True))
+
+
+def saved_state(law: Controller) -> Callable[[bytes], bytes]:
+    """From what the binding saves to the values that add_state of drive.c sums up."""
+    core, sizes = CORES[law.real], law_sizes(law)
+    n, m, p, rows = (sizes[key] for key in ("states", "inputs", "disturbances", "rows"))
+    moves = law._parts[2][0][1] if law._parts[2] else 0
+    real = np.dtype(REALS[law.real])
+    layout = np.dtype(
+        [("x", real, core.MAX_STATES), ("w", real, core.MAX_DISTURBANCES), ("wait", "<u4", core.MAX_INPUTS),
+         ("bad_total", "<u4"), ("head", "<u2"), ("bad", "<u2"), ("primed", "u1"), ("outliers", "u1"), ("planned", "u1"),
+         ("plan", "u1", core.MAX_MOVES)]
+    )  # fmt: skip
+    used = {"x": n, "w": p, "wait": m, "plan": moves}
+    names = [name for name in layout.names if name != "planned" or moves]
+
+    def values(saved: bytes) -> bytes:
+        assert len(saved) == 1 + layout.itemsize + rows * m, "fsw_state has changed; change layout, and add_state"
+        fields = np.frombuffer(saved, layout, 1, 1)[0]
+        parts = [np.atleast_1d(fields[name])[: used.get(name)].tobytes() for name in names]
+        return b"".join(parts) + saved[1 + layout.itemsize :]
+
+    return values
+
+
+class Script:
+    """Operations on a controller, as a stream for drive.c and the answers expected of it.
+
+    Every operation is carried out at once by the core inside Python, so that a loop can be closed over it.
+    """
+
+    def __init__(self, law: Controller) -> None:
+        self.law = law.copy()
+        self.core, self.real = self.law._core, REALS[law.real]
+        self.sizes = law_sizes(law)
+        self.stream, self.sum = bytearray(), 0
+        self.answers: list[bytes] = []
+        self.u: list[np.ndarray] = []
+        self.status: list[int] = []
+        self.costs: list[np.ndarray | None] = []
+        self.state = saved_state(law)
+        self.restart(np.array([law._safe] * self.sizes["rows"]), np.zeros(law.plant.inputs))
+
+    # ---- Operations ----
+
+    def restart(self, line: np.ndarray, wait: np.ndarray) -> None:
+        """Begin anew, from known commands, oldest first, and periods that each input must still keep its level."""
+        line, wait = line.astype(np.uint8).ravel(), wait.astype(np.uint32)
+        safe = np.array([self.law._safe] * self.sizes["rows"], dtype=np.uint8).ravel()
+        self.stream += bytes([INIT])
+        self.core.preload(safe, np.zeros_like(wait))
+        self.answer(bytes([0]))
+        self.stream += bytes([PRELOAD]) + line.tobytes() + wait.astype("<u4").tobytes()
+        self.core.preload(line, wait, True)
+        self.answer(bytes([0]))
+
+    def start(self, x: Sequence[float], w: Sequence[float]) -> None:
+        """From a known state."""
+        given = [np.array(values, dtype=self.real) for values in (x, w)]
+        self.stream += bytes([START]) + b"".join(values.tobytes() for values in given)
+        self.core.start(*given)
+        self.answer(bytes([0]))
+
+    def step(
+        self, x: Sequence[float], reference: np.ndarray, w: Sequence[float] = (), look: bool = False
+    ) -> np.ndarray:
+        """One period; look: the costs of all candidates beforehand. Returns the command."""
+        given = [np.array(values, dtype=float) for values in (x, reference, w)]
+        with np.errstate(over="ignore"):
+            told = b"".join(values.astype(self.real).tobytes() for values in given)
+        self.stream += bytes([DECIDE_AND_STEP if look else STEP]) + told
+        costs = np.empty(self.sizes["candidates"])
+        shape = (-1, self.law.plant.outputs, self.law.order)
+        passed = given[0], given[1].reshape(shape), given[2]
+        candidate, cost, nodes, status, gap = self.core.decide(*passed, costs)
+        looked = [*costs, cost, gap] if look else []
+        u = self.core.step(*passed)
+        self.u.append(u)
+        self.status.append(self.core.status)
+        self.costs.append(costs if look else None)
+        head = np.array(looked, dtype=self.real).tobytes() + struct.pack("<BHI", status, candidate, nodes)
+        self.answer(head + np.array([cost, gap, *u], dtype=self.real).tobytes())
+        return u
+
+    def answer(self, values: bytes) -> None:
+        """What the operation gives, and the checksum of the state after it."""
+        self.sum = zlib.crc32(self.state(self.core.save()), self.sum)
+        self.answers.append(values + struct.pack("<I", self.sum))
+
+    # ---- Outcome ----
+
+    def differences(self, output: bytes) -> str:
+        """The first operation answered otherwise; empty if there is none."""
+        at = 0
+        for k, expected in enumerate(self.answers):
+            found = output[at : at + len(expected)]
+            if found != expected:
+                return f"operation {k} of {len(self.answers)}: {found.hex()}, not {expected.hex()}"
+            at += len(expected)
+        return "" if at == len(output) else f"{len(output) - at} bytes too many"
+
+    @property
+    def data(self) -> bytes:
+        return bytes(self.stream) + bytes([END])
+
+
+def exported(folder: Path, law: Controller) -> Path:
+    """INTERIM until export_c."""
+    import shutil
+
+    sys.path.insert(0, str(HERE.parent.parent / "benchmarks"))
+    from emit import design_source
+
+    sizes, core = law_sizes(law), HERE.parent.parent / "core"
+    folder.mkdir(exist_ok=True)
+    for name in ("foreswitch.c", "foreswitch.h", "horizon.c", "horizon.h"):
+        shutil.copy(core / name, folder)
+    limits = {
+        "FSW_MAX_STATES": sizes["states"],
+        "FSW_MAX_INPUTS": sizes["inputs"],
+        "FSW_MAX_OUTPUTS": max(sizes["outputs"], 1),
+        "FSW_MAX_DISTURBANCES": max(1, sizes["disturbances"]),
+        "FSW_MAX_LINE": sizes["rows"] * sizes["inputs"],
+    }
+    values = dict(
+        zip(
+            [
+                "level_count",
+                "pending",
+                "holds",
+                "exact_levels",
+                "levels",
+                "candidate",
+                "safe",
+                "state_row",
+                "disturbance_row",
+                "offset",
+            ],
+            law._parts[1],
+        )
+    )
+    holds = law._parts[1][2]
+    arrays = law._parts[1]
+    import emit
+
+    named = emit.named(emit.ARRAYS, arrays)
+    limits |= {
+        "FSW_FIXED": 1,
+        "FSW_DISTURBANCES": sizes["disturbances"],
+        "FSW_LOADS": sizes["loads"],
+        "FSW_ORDER": sizes["order"],
+        "FSW_CANDIDATES": sizes["candidates"],
+        "FSW_ESTIMATOR": int("gain" in named),
+        "FSW_REST": int("rest_reference" in named),
+        "FSW_SWITCH_COST": int(np.any(named.get("switch_cost", 0) != 0)),
+        "FSW_HELD_ONCE": int(np.all(named["holds"] == 1)) if not law._parts[2] else 0,
+        "FSW_OFFSET": int(np.any(named.get("offset", np.ones(1)) != 0)),
+    }
+    if law._parts[2]:
+        h = law._parts[2][0]
+        limits |= {
+            "FSW_MAX_MOVES": h[1],
+            "FSW_MAX_STEPS": h[0],
+            "FSW_HORIZON_STATES": h[2],
+            "FSW_HORIZON_CANDIDATES": sizes["candidates"],
+        }
+    if law.real == "float32":
+        limits["FSW_SINGLE"] = 1
+    text = (
+        "#ifdef FSW_LIMITS\n"
+        + "".join(f"#define {k} {v}\n" for k, v in limits.items())
+        + "#else\n"
+        + re.sub(r"(\.far = [^,}]+)", lambda m: m[1].replace("= ", "= (fsw_real)"), design_source(law))
+        + "#endif\n"
+    )
+    (folder / "foreswitch_design.h").write_text(text)
+    return folder
+
+
+def program(folder: Path, law: Controller, target: Target, *flags: str, level: str = "-O2") -> Image:
+    """drive.c round the exported controller."""
+    source = exported(folder / "exported", law)
+    sizes = law_sizes(law)
+    given = [
+        f"-DDRIVE_REFERENCE={law.evaluations * sizes['outputs'] * sizes['order']}",
+        f"-DDRIVE_CANDIDATES={sizes['candidates']}",
+        f"-I{source}",
+        "-DDESIGN=design",
+    ]
+    return target.build(
+        folder / target.name,
+        [HERE / "drive.c", source / "foreswitch.c", source / "horizon.c"],
+        *given,
+        *flags,
+        level=level,
+    )

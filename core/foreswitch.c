@@ -105,32 +105,27 @@ static int indices_valid(const fsw_design *d, const uint8_t *command, uint32_t c
     return 1;
 }
 
-/* Whether a table is missing; those that would be empty may be null. */
 static int tables_missing(const fsw_design *d)
 {
-    const int w = DISTURBANCES(d) > 0;
-    if (!d->level_count || !d->levels || !d->candidate || !d->safe || !d->pending || !d->dwell || !d->model_x ||
-        !d->model_old || !d->model_new || (w && !d->model_w) || !d->model_c)
+    if (!d->level_count || !d->levels || !d->candidate || !d->safe || !d->pending || !d->dwell || !d->switch_cost ||
+        !d->model_x || !d->model_old || !d->model_new || !d->model_w || !d->model_c)
         return 1;
-    if (RESTS(d) && (!d->rest_reference || (w && !d->rest_disturbance) || !d->rest_offset)) return 1;
+    if (RESTS(d) && (!d->rest_reference || !d->rest_disturbance || !d->rest_offset)) return 1;
     if (ESTIMATES(d) && (!d->gain || !d->output_row || !d->output_offset || !d->start_row || !d->start_offset))
         return 1;
-    return !PLANS(d) &&
-           (!d->state_row || (w && !d->disturbance_row) || !d->offset || !d->reference_row || !d->half_weight ||
-            !d->holds || !d->hold_row || !d->total_row || !d->switch_cost || (d->rows > 1 && !d->pending_table));
+    return !PLANS(d) && (!d->state_row || !d->disturbance_row || !d->offset || !d->reference_row || !d->half_weight ||
+                         !d->pending_table || !d->holds || !d->hold_row || !d->total_row);
 }
 
 #if FSW_MAX_MOVES > 0
-static int horizon_tables_missing(const fsw_design *d, const fsw_horizon *h)
+static int horizon_tables_missing(const fsw_horizon *h)
 {
-    const int w = DISTURBANCES(d) > 0, end = h->terminal > 0;
-    return !h->start_row || !h->start_offset || !h->drift || !h->row_offset || !h->reference_row ||
-           (w && (!h->start_disturbance || !h->drift_disturbance || !h->row_disturbance)) ||
-           (d->rows > 1 && !h->pending_table) ||
-           (end && (!h->T || !h->terminal_reference || (w && !h->terminal_disturbance) || !h->terminal_offset)) ||
-           !h->F || !h->G || !h->S || !h->root_weight || !h->move_weight || !h->lift || !h->lift_centre ||
-           !h->last_value || !h->hull || !h->value || !h->effect || !h->gain || !h->gain_previous || !h->pull ||
-           !h->place || !h->from_place || !h->metric || !h->from_metric || !h->level;
+    return !h->start_row || !h->start_disturbance || !h->start_offset || !h->pending_table || !h->drift ||
+           !h->drift_disturbance || !h->row_disturbance || !h->row_offset || !h->reference_row ||
+           !h->terminal_reference || !h->terminal_disturbance || !h->terminal_offset || !h->F || !h->G || !h->S ||
+           !h->root_weight || !h->T || !h->move_weight || !h->lift || !h->lift_centre || !h->last_value || !h->hull ||
+           !h->value || !h->effect || !h->gain || !h->gain_previous || !h->pull || !h->place || !h->from_place ||
+           !h->metric || !h->from_metric || !h->level;
 }
 
 static fsw_validity check_horizon(const fsw_design *d)
@@ -142,7 +137,7 @@ static fsw_validity check_horizon(const fsw_design *d)
     if (h->inputs != d->inputs || h->outputs != d->outputs || h->candidates != d->candidates || h->order != d->order ||
         h->disturbances != d->disturbances || h->states == 0 || h->moves == 0 || h->moves > h->steps ||
         h->lead >= h->steps || h->tail > FSW_TAIL_HOLD || (h->tail == FSW_TAIL_REST && !RESTS(d)) ||
-        horizon_tables_missing(d, h))
+        horizon_tables_missing(h))
         return FSW_INCONSISTENT;
 #ifdef FSW_FIXED
     if (h->states != FSW_HORIZON_STATES || h->candidates != FSW_HORIZON_CANDIDATES) return FSW_INCONSISTENT;
@@ -178,15 +173,18 @@ static fsw_validity check(const fsw_design *d)
     const fsw_real *level = d->levels;
     for (natural j = 0; j < d->inputs; j++) {
         const natural count = d->level_count[j];
-        if (count == 0 || d->pending[j] >= d->rows || !usable(level, count) ||
-            (!PLANS(d) &&
-             (d->holds[j] == 0 || (HELD_ONCE(d) && d->holds[j] > 1) || (!COSTS(d) && size_of(d->switch_cost[j]) > 0))))
+        if (count == 0 || d->pending[j] >= d->rows || !usable(level, count) || !(d->switch_cost[j] >= 0))
+            return FSW_INCONSISTENT;
+        if (!PLANS(d) &&
+            (d->holds[j] == 0 || (HELD_ONCE(d) && d->holds[j] > 1) || (!COSTS(d) && d->switch_cost[j] > 0)))
             return FSW_INCONSISTENT;
         for (natural i = 0; i < count; i++)
             if (dwell[i] == 0 || (i > 0 && !(level[i - 1] < level[i]))) return FSW_INCONSISTENT;
         dwell += count;
         level += count;
     }
+    for (natural o = 0; !PLANS(d) && o < d->outputs; o++)
+        if (!(d->half_weight[o] >= 0) || (!OFFSETS(d) && size_of(d->offset[o]) > 0)) return FSW_INCONSISTENT;
     if (!indices_valid(d, d->safe, 1) || !indices_valid(d, d->candidate, d->candidates)) return FSW_INCONSISTENT;
 #if FSW_MAX_MOVES > 0
     return PLANS(d) ? check_horizon(d) : FSW_VALID;

@@ -62,7 +62,7 @@ extern "C" {
 /* FSW_FIXED promises that every design has exactly these sizes, and besides
  *     FSW_DISTURBANCES, FSW_LOADS, FSW_ORDER, FSW_CANDIDATES    those of fsw_design
  *     FSW_ESTIMATOR, FSW_REST     0 or 1: there is a gain, a rest_reference
- *     FSW_SWITCH_COST             0: none, 1: there may be
+ *     FSW_SWITCH_COST, FSW_OFFSET 0: all zero, 1: there may be some
  *     FSW_HELD_ONCE               1: every input has one holding time, 0: there may be more
  * so that the compiler sees constants. fsw_init refuses a design that breaks the promise. */
 
@@ -100,8 +100,8 @@ typedef enum {
 #include "horizon.h"
 #endif
 
-/* One controller, constant. Arrays are row-major, their shape in brackets. An input's levels are
- * ascending and referred to by index; a *command* is one index per input. */
+/* One controller, constant. Arrays are row-major, their shape in brackets; none is null, also if it is empty, unless
+ * said below. An input's levels are ascending and referred to by index; a *command* is one index per input. */
 typedef struct {
     uint16_t states, inputs, outputs;
     uint16_t disturbances; /* measured ones, then `loads`, which are estimated */

@@ -5,6 +5,7 @@ from foreswitch.batch import Batch, simulate_batch
 from foreswitch.controller import Controller, Decision, Status
 from foreswitch.estimator import Kalman
 from foreswitch.experiment import PulseTest, propose_test
+from foreswitch.export import export_c
 from foreswitch.fit import Candidate, Fit
 from foreswitch.hardware import Hardware, Stuck
 from foreswitch.identify import identify
@@ -45,6 +46,7 @@ __all__ = [
     "Stuck",
     "baselines",
     "compare_precision",
+    "export_c",
     "identify",
     "propose_test",
     "simulate",

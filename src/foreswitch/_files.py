@@ -57,7 +57,9 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
             os.chmod(work, _mode(0o777))
             os.replace(work, target)
         else:
-            for file in sorted(work.iterdir()):
-                os.replace(file, target / file.name)
+            for file in sorted(path for path in work.rglob("*") if path.is_file()):
+                place = target / file.relative_to(work)
+                place.parent.mkdir(parents=True, exist_ok=True)
+                os.replace(file, place)
     finally:
         shutil.rmtree(work, ignore_errors=True)

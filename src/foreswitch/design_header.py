@@ -13,199 +13,26 @@ from foreswitch.controller import Controller
 __all__ = ["Design", "initialiser", "number"]
 
 # In the order of the binding.
-SIZES = [
-    "states",
-    "inputs",
-    "outputs",
-    "disturbances",
-    "order",
-    "rows",
-    "candidates",
-    "bad_limit",
-    "measured",
-    "loads",
-    "gate_limit",
-]
-ARRAYS = [
-    "level_count",
-    "pending",
-    "holds",
-    "exact_levels",
-    "levels",
-    "candidate",
-    "safe",
-    "state_row",
-    "disturbance_row",
-    "offset",
-    "reference_row",
-    "half_weight",
-    "pending_table",
-    "hold_row",
-    "total_row",
-    "rest_reference",
-    "rest_disturbance",
-    "rest_offset",
-    "dwell",
-    "switch_cost",
-    "model_x",
-    "model_old",
-    "model_new",
-    "model_w",
-    "model_c",
-    "gain",
-    "output_row",
-    "output_offset",
-    "start_row",
-    "start_offset",
-    "gate",
-]
-HORIZON_SIZES = [
-    "steps",
-    "moves",
-    "states",
-    "order",
-    "lead",
-    "terminal",
-    "tail",
-    "exclusive",
-    "dominance",
-    "patience",
-    "node_budget",
-]
-HORIZON_ARRAYS = [
-    "start_row",
-    "start_disturbance",
-    "start_offset",
-    "pending_table",
-    "drift",
-    "drift_disturbance",
-    "row_disturbance",
-    "row_offset",
-    "reference_row",
-    "terminal_reference",
-    "terminal_disturbance",
-    "terminal_offset",
-    "F",
-    "G",
-    "S",
-    "root_weight",
-    "T",
-    "move_weight",
-    "lift",
-    "lift_centre",
-    "last_value",
-    "hull",
-    "value",
-    "effect",
-    "gain",
-    "gain_previous",
-    "pull",
-    "place",
-    "from_place",
-    "metric",
-    "from_metric",
-    "switch_cost",
-    "level",
-    "dwell",
-]
+SIZES = "states inputs outputs disturbances order rows candidates bad_limit measured loads gate_limit"
+ARRAYS = """level_count pending holds exact_levels levels candidate safe state_row disturbance_row offset reference_row
+half_weight pending_table hold_row total_row rest_reference rest_disturbance rest_offset dwell switch_cost model_x
+model_old model_new model_w model_c gain output_row output_offset start_row start_offset gate"""
+HORIZON_SIZES = "steps moves states order lead terminal tail exclusive dominance patience node_budget"
+HORIZON_ARRAYS = """start_row start_disturbance start_offset pending_table drift drift_disturbance row_disturbance
+row_offset reference_row terminal_reference terminal_disturbance terminal_offset F G S root_weight T move_weight lift
+lift_centre last_value hull value effect gain gain_previous pull place from_place metric from_metric switch_cost level
+dwell"""
 
 # In the order of the C structures, which C++ insists on.
-DESIGN = [
-    "states",
-    "inputs",
-    "outputs",
-    "disturbances",
-    "order",
-    "rows",
-    "candidates",
-    "bad_limit",
-    "measured",
-    "loads",
-    "gate_limit",
-    "level_count",
-    "levels",
-    "candidate",
-    "safe",
-    "state_row",
-    "disturbance_row",
-    "offset",
-    "reference_row",
-    "half_weight",
-    "pending",
-    "pending_table",
-    "holds",
-    "hold_row",
-    "total_row",
-    "rest_reference",
-    "rest_disturbance",
-    "rest_offset",
-    "dwell",
-    "switch_cost",
-    "model_x",
-    "model_old",
-    "model_new",
-    "model_w",
-    "model_c",
-    "gain",
-    "output_row",
-    "output_offset",
-    "start_row",
-    "start_offset",
-    "gate",
-    "horizon",
-]
-HORIZON = [
-    "steps",
-    "moves",
-    "states",
-    "inputs",
-    "outputs",
-    "candidates",
-    "disturbances",
-    "order",
-    "lead",
-    "terminal",
-    "tail",
-    "exclusive",
-    "dominance",
-    "patience",
-    "node_budget",
-    "start_row",
-    "start_disturbance",
-    "start_offset",
-    "pending_table",
-    "drift",
-    "drift_disturbance",
-    "row_disturbance",
-    "row_offset",
-    "reference_row",
-    "terminal_reference",
-    "terminal_disturbance",
-    "terminal_offset",
-    "far",
-    "F",
-    "G",
-    "S",
-    "root_weight",
-    "T",
-    "move_weight",
-    "lift",
-    "lift_centre",
-    "last_value",
-    "hull",
-    "value",
-    "effect",
-    "gain",
-    "gain_previous",
-    "pull",
-    "place",
-    "from_place",
-    "metric",
-    "from_metric",
-    "switch_cost",
-    "level",
-    "dwell",
-]
+DESIGN = """states inputs outputs disturbances order rows candidates bad_limit measured loads gate_limit level_count levels
+candidate safe state_row disturbance_row offset reference_row half_weight pending pending_table holds hold_row total_row
+rest_reference rest_disturbance rest_offset dwell switch_cost model_x model_old model_new model_w model_c gain output_row
+output_offset start_row start_offset gate horizon"""
+HORIZON = """steps moves states inputs outputs candidates disturbances order lead terminal tail exclusive dominance patience
+node_budget start_row start_disturbance start_offset pending_table drift drift_disturbance row_disturbance row_offset
+reference_row terminal_reference terminal_disturbance terminal_offset far F G S root_weight T move_weight lift
+lift_centre last_value hull value effect gain gain_previous pull place from_place metric from_metric switch_cost level
+dwell"""
 
 C_TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "d": "fsw_real", "f": "fsw_real"}
 WIDTH = 118
@@ -237,8 +64,8 @@ def initialiser(values: Iterable[Any], indent: int = 4) -> str:
     return "\n".join(["{", *lines, line.rstrip(" ,") + "}"])
 
 
-def _named(names: Sequence[str], values: Sequence[Any]) -> dict[str, Any]:
-    return dict(zip(names, values, strict=True))
+def _named(names: str, values: Sequence[Any]) -> dict[str, Any]:
+    return dict(zip(names.split(), values, strict=True))
 
 
 @dataclass
@@ -353,6 +180,6 @@ class Design:
         return text, pointers
 
     @staticmethod
-    def _structure(head: str, order: Sequence[str], members: Mapping[str, str]) -> str:
-        lines = "".join(f"    .{key} = {members[key]},\n" for key in order)
+    def _structure(head: str, order: str, members: Mapping[str, str]) -> str:
+        lines = "".join(f"    .{key} = {members[key]},\n" for key in order.split())
         return f"{head} = {{\n{lines}}};\n"

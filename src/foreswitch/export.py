@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import keyword
 import re
 from collections.abc import Iterable
 from importlib.metadata import version
@@ -21,67 +20,11 @@ CORE = ["foreswitch.h", "foreswitch.c"]
 HORIZON = ["horizon.h", "horizon.c"]
 TEMPLATES = ["foreswitch_design.h", "example.c", "selftest.c", "Makefile", "CMakeLists.txt", "library.properties",
              "library.json", "README.md"]  # fmt: skip
-C_WORDS = [
-    "auto",
-    "break",
-    "case",
-    "char",
-    "const",
-    "continue",
-    "default",
-    "do",
-    "double",
-    "else",
-    "enum",
-    "extern",
-    "float",
-    "for",
-    "goto",
-    "if",
-    "inline",
-    "int",
-    "long",
-    "register",
-    "restrict",
-    "return",
-    "short",
-    "signed",
-    "sizeof",
-    "static",
-    "struct",
-    "switch",
-    "typedef",
-    "union",
-    "unsigned",
-    "void",
-    "volatile",
-    "while",
-    "main",
-    "state",
-    "bool",
-    "catch",
-    "class",
-    "delete",
-    "explicit",
-    "export",
-    "false",
-    "friend",
-    "mutable",
-    "namespace",
-    "new",
-    "operator",
-    "private",
-    "protected",
-    "public",
-    "template",
-    "this",
-    "throw",
-    "true",
-    "try",
-    "typename",
-    "using",
-    "virtual",
-]
+#: Names that C, C++ or the core have taken.
+TAKEN = """auto break case char const continue default do double else enum extern float for goto if inline int long
+register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while main state
+bool catch class delete explicit export false friend mutable namespace new operator private protected public template this
+throw true try typename using virtual and or not xor asm setup loop"""
 
 
 def export_c(controller: Controller, folder: str | Path, *, name: str = "controller") -> None:
@@ -115,7 +58,7 @@ def export_c(controller: Controller, folder: str | Path, *, name: str = "control
     """
     if not isinstance(controller, Controller):
         raise ValueError(f"controller is a {type(controller).__name__}; give a Controller, baselines have no firmware")
-    taken = name in C_WORDS or keyword.iskeyword(name) or name.startswith("fsw_")
+    taken = name in TAKEN.split() or name.startswith("fsw_")
     if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name) or taken:
         raise ValueError(f"name is {name!r}; give a C identifier that is no keyword and does not begin with fsw_")
     design = Design.of(controller)
@@ -270,7 +213,7 @@ def _words(controller: Controller, design: Design, golden: Golden, name: str) ->
         "state_8": str(figures["state_bytes_avr"]) if controller.real == "float32" else "not for",
         "table_bytes": str(figures["table_bytes"]),
         "work": work,
-        "recorded_nodes": "",
+        "recorded_nodes": f"at most {golden.nodes.max()} {'nodes' if horizon else 'candidates'} evaluated",
     }
 
 

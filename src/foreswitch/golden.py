@@ -35,6 +35,8 @@ class Golden:
     status : ndarray, shape (K,)
     cost : ndarray, shape (K,)
         Zero where none was computed.
+    nodes : ndarray, shape (K,)
+        Candidates or partial sequences evaluated.
     state, disturbances : ndarray, shape (n,) and (p + l,)
         What the core holds after the last step.
     """
@@ -45,6 +47,7 @@ class Golden:
     command: Any
     status: Any
     cost: Any
+    nodes: Any
     state: Any
     disturbances: Any
 
@@ -87,10 +90,10 @@ def golden_steps(controller: Controller) -> Golden:
             told_w[0] = huge
         given = shown.astype(float), reference.astype(float)
         options = {"disturbance": told_w.astype(float)} if p else {}
-        cost = law.decide(*given, **options).cost
+        decision = law.decide(*given, **options)
         u = law.step(*given, **options)
         command = np.frombuffer(law._core.line(), dtype=np.uint8)[-plant.inputs :]
-        rows.append((shown, reference.ravel(), told_w, command, law.status, real(cost)))
+        rows.append((shown, reference.ravel(), told_w, command, law.status, real(decision.cost), decision.nodes))
         x = _advance(law, x, w, u)
         x = np.clip(x, -1e6 * (1.0 + swing.max()), 1e6 * (1.0 + swing.max()))  # an unstable plant, left alone
     state, disturbances = np.empty(plant.states), np.empty(law._disturbances)

@@ -23,6 +23,7 @@ typedef uint_fast16_t natural;
 #define CANDIDATES(d) SAID(FSW_CANDIDATES, (d)->candidates)
 #define ESTIMATES(d) SAID(FSW_ESTIMATOR, (d)->gain != 0)
 #define RESTS(d) SAID(FSW_REST, (d)->rest_reference != 0)
+#define SPLITS(d) SAID(FSW_SPLIT, 1)        /* model_new may not be zero */
 #define OFFSETS(d) SAID(FSW_OFFSET, 1)      /* offset may not be zero */
 #define COSTS(d) SAID(FSW_SWITCH_COST, 1)   /* a switch may cost something */
 #define HELD_ONCE(d) SAID(FSW_HELD_ONCE, 0) /* every input has one holding time only */
@@ -38,6 +39,9 @@ typedef uint_fast16_t natural;
 #define FSW_DATA
 #include "foreswitch_design.h"
 #define KNOWN(design) ((void)(design), &FSW_DESIGN)
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC optimize("peel-loops", "fp-contract=off") /* loops are short and of known length; no flag may be passed */
+#endif
 #else
 #define KNOWN(design) (design)
 #endif
@@ -183,6 +187,8 @@ static fsw_validity check(const fsw_design *d)
         dwell += count;
         level += count;
     }
+    for (natural i = 0; !SPLITS(d) && i < (natural)d->inputs * d->states; i++)
+        if (size_of(d->model_new[i]) > 0) return FSW_INCONSISTENT;
     for (natural o = 0; !PLANS(d) && o < d->outputs; o++)
         if (!(d->half_weight[o] >= 0) || (!OFFSETS(d) && size_of(d->offset[o]) > 0)) return FSW_INCONSISTENT;
     if (!indices_valid(d, d->safe, 1) || !indices_valid(d, d->candidate, d->candidates)) return FSW_INCONSISTENT;
@@ -254,16 +260,15 @@ uint32_t fsw_dwell_left(const fsw_design *design, uint16_t input, uint8_t level,
     return dwell[level] > elapsed ? dwell[level] - elapsed : 0;
 }
 
+INLINE const uint8_t *issued(const fsw_design *d, const fsw_state *s, natural m, natural age)
+{
+    return s->line + (s->head + (s->head < age ? ROWS(d) : 0) - age) * m;
+}
+
 const uint8_t *fsw_issued(const fsw_design *design, const fsw_state *s, uint16_t age)
 {
     const fsw_design *d = KNOWN(design);
-    const uint32_t row = (uint32_t)s->head + (s->head < age ? d->rows : 0u) - age;
-    return s->line + row * d->inputs;
-}
-
-INLINE const uint8_t *in_force(const fsw_design *d, const fsw_state *s, natural m)
-{
-    return s->line + ((s->head > 0 ? s->head : ROWS(d)) - 1u) * m;
+    return issued(d, s, INPUTS(d), age);
 }
 
 /* ---- Observation: what is used in place of what was measured ---- */
@@ -284,10 +289,13 @@ static void coast(const fsw_design *d, const fsw_state *s, fsw_real *x)
     }
     const fsw_real *levels = d->levels;
     for (natural j = 0; j < m; j++) {
-        const uint16_t age = d->pending[j];
-        const fsw_real older = levels[fsw_issued(d, s, (uint16_t)(age + 1))[j]];
-        const fsw_real newer = age > 0 ? levels[fsw_issued(d, s, age)[j]] : 0;
-        for (natural i = 0; i < n; i++) x[i] += d->model_old[j * n + i] * older + d->model_new[j * n + i] * newer;
+        const natural age = d->pending[j];
+        const fsw_real older = levels[issued(d, s, m, age + 1u)[j]];
+        const fsw_real newer = SPLITS(d) && age > 0 ? levels[issued(d, s, m, age)[j]] : 0;
+        for (natural i = 0; i < n; i++) {
+            const fsw_real effect = d->model_old[j * n + i] * older;
+            x[i] += SPLITS(d) ? effect + d->model_new[j * n + i] * newer : effect;
+        }
         levels += d->level_count[j];
     }
 }
@@ -685,7 +693,7 @@ fsw_decision fsw_decide(const fsw_design *design, fsw_state *s, const fsw_real *
     const fsw_status status = observe(d, s, &now, x, w, &outliers);
     fsw_decision decision = {status, (uint16_t)candidates, 0, 0, 0};
     if (status == FSW_OK || status == FSW_COASTING) {
-        const uint8_t *present = in_force(d, s, m);
+        const uint8_t *present = issued(d, s, m, 1);
         decision = SINGLE(d) ? decide(d, s, 1, 1, x, reference, w, present, costs)
                              : decide(d, s, m, q, x, reference, w, present, costs);
         if (decision.status == FSW_OK) decision.status = status;
@@ -724,7 +732,7 @@ INLINE fsw_decision step(const fsw_design *d, fsw_state *s, natural m, natural q
     const sample now = {measured, reference, disturbance, reference_size(d, q)};
     const fsw_status status = observe_and_count(d, s, &now);
     fsw_decision decision = {status, (uint16_t)candidates, 0, 0, 0};
-    const uint8_t *present = in_force(d, s, m), *command = present;
+    const uint8_t *present = issued(d, s, m, 1), *command = present;
     if (status == FSW_OK || status == FSW_COASTING) {
         decision = decide(d, s, m, q, s->x, reference, s->w, present, 0);
 #if FSW_MAX_MOVES > 0
@@ -764,7 +772,7 @@ static void follow(const fsw_design *d, fsw_state *s, const fsw_real *measured, 
         coast(d, s, next);
         if (usable(next, n)) take(s->x, next, n);
     }
-    issue(d, s, m, command, in_force(d, s, m), u);
+    issue(d, s, m, command, issued(d, s, m, 1), u);
 #if FSW_MAX_MOVES > 0
     s->planned = 0;
 #endif
@@ -784,7 +792,7 @@ void fsw_missed(const fsw_design *design, fsw_state *s, uint16_t periods)
 {
     const fsw_design *d = KNOWN(design);
     fsw_real u[FSW_MAX_INPUTS];
-    for (; periods > 0; periods--) follow(d, s, 0, 0, in_force(d, s, INPUTS(d)), u);
+    for (; periods > 0; periods--) follow(d, s, 0, 0, issued(d, s, INPUTS(d), 1), u);
 }
 
 void fsw_safe(const fsw_design *design, fsw_state *s, const fsw_real *measured, const fsw_real *disturbance,

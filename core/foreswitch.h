@@ -62,7 +62,8 @@ extern "C" {
 /* FSW_FIXED promises that every design has exactly these sizes, and besides
  *     FSW_DISTURBANCES, FSW_LOADS, FSW_ORDER, FSW_CANDIDATES    those of fsw_design
  *     FSW_ESTIMATOR, FSW_REST     0 or 1: there is a gain, a rest_reference
- *     FSW_SWITCH_COST, FSW_OFFSET 0: all zero, 1: there may be some
+ *     FSW_SWITCH_COST, FSW_OFFSET, FSW_SPLIT
+ *                                 0: switch_cost, offset, model_new are all zero, 1: they may not be
  *     FSW_HELD_ONCE               1: every input has one holding time, 0: there may be more
  * so that the compiler sees constants. fsw_init refuses a design that breaks the promise. */
 

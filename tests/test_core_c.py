@@ -258,7 +258,7 @@ def test_more_than_a_byte_counts_is_refused_by_the_compiler():
         assert "they are counted in bytes" in errors
 
 
-SAID = "DISTURBANCES=0 LOADS=0 CANDIDATES=2 ESTIMATOR=0 SWITCH_COST=0 OFFSET=0 HELD_ONCE=1"
+SAID = "DISTURBANCES=0 LOADS=0 CANDIDATES=2 ESTIMATOR=0 SWITCH_COST=0 OFFSET=0 SPLIT=0 HELD_ONCE=1"
 FIXED = ["-DFSW_FIXED", *(f"-DFSW_{word}" for word in SAID.split())]
 PAPER_FIXED, HORIZON_FIXED = [*FIXED, "-DFSW_ORDER=2", "-DFSW_REST=1"], [*FIXED, "-DFSW_ORDER=1", "-DFSW_REST=0"]
 CUT = {

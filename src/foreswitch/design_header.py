@@ -133,6 +133,7 @@ class Design:
         return limits | {
             "FSW_SWITCH_COST": int(endpoint and a["switch_cost"].any()),
             "FSW_OFFSET": int(endpoint and a["offset"].any()),
+            "FSW_SPLIT": int(a["model_new"].any()),
             "FSW_HELD_ONCE": int(endpoint and (a["holds"] == 1).all()),
         }
 

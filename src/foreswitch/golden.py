@@ -98,8 +98,9 @@ def golden_steps(controller: Controller) -> Golden:
         x = np.clip(x, -1e6 * (1.0 + swing.max()), 1e6 * (1.0 + swing.max()))  # an unstable plant, left alone
     state, disturbances = np.empty(plant.states), np.empty(law._disturbances)
     law._core.estimate(state, disturbances)
-    columns = [np.array(column) for column in zip(*rows, strict=True)]
-    return Golden(*columns, state.astype(real), disturbances.astype(real))
+    names = ("measured", "reference", "disturbance", "command", "status", "cost", "nodes")
+    columns = {name: np.array(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
+    return Golden(**columns, state=state.astype(real), disturbances=disturbances.astype(real))
 
 
 def _bad(k: int, steps: int, limit: int) -> bool:

@@ -40,7 +40,8 @@ typedef uint_fast16_t natural;
 #include "foreswitch_design.h"
 #define KNOWN(design) ((void)(design), &FSW_DESIGN)
 #if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC optimize("peel-loops", "fp-contract=off") /* loops are short and of known length; no flag may be passed */
+#pragma GCC optimize("peel-loops", "no-tree-loop-distribute-patterns",                                                 \
+                     "fp-contract=off") /* loops are short and of known length; no flag may be passed */
 #endif
 #else
 #define KNOWN(design) (design)
@@ -144,7 +145,9 @@ static fsw_validity check_horizon(const fsw_design *d)
         horizon_tables_missing(h))
         return FSW_INCONSISTENT;
 #ifdef FSW_FIXED
-    if (h->states != FSW_HORIZON_STATES || h->candidates != FSW_HORIZON_CANDIDATES) return FSW_INCONSISTENT;
+    if (h->states != FSW_HORIZON_STATES || h->candidates != FSW_HORIZON_CANDIDATES || h->moves != FSW_MAX_MOVES ||
+        h->steps != FSW_MAX_STEPS)
+        return FSW_INCONSISTENT;
 #endif
     for (uint32_t i = 0; i < (uint32_t)d->candidates * d->inputs; i++)
         if (h->level[i] != d->candidate[i] || (h->dwell && h->dwell[i] == 0)) return FSW_INCONSISTENT;
@@ -636,6 +639,7 @@ static fsw_decision plan(const fsw_design *d, fsw_state *s, const fsw_real *x, c
 {
     const fsw_horizon *h = d->horizon;
     const natural n = SAID(FSW_HORIZON_STATES, h->states), m = INPUTS(d), q = OUTPUTS(d), C = CANDIDATES(d);
+    const natural moves = SAID(FSW_MAX_MOVES, h->moves);
     fsw_decision decision = {FSW_HELD, (uint16_t)C, 0, 0, 0};
     fsw_real z[FSW_HORIZON_STATES], tail[FSW_MAX_INPUTS];
     if (SINGLE(d) && n == 2)
@@ -659,7 +663,7 @@ static fsw_decision plan(const fsw_design *d, fsw_state *s, const fsw_real *x, c
         fsw_horizon_prepare(h, &s->scratch, z, reference, w, tail);
     }
     uint8_t warm[FSW_MAX_MOVES];
-    for (natural k = 0; k < h->moves; k++) warm[k] = s->plan[k + 1u < h->moves ? k + 1u : k];
+    for (natural k = 0; k < moves; k++) warm[k] = s->plan[k + 1u < moves ? k + 1u : k];
     const fsw_horizon_answer answer =
         fsw_horizon_search(h, &s->scratch, (uint8_t)from, s->wait, s->planned ? warm : 0, (uint8_t)C, h->node_budget);
     decision.nodes = answer.nodes;

@@ -22,12 +22,19 @@ typedef uint_fast16_t natural;
 #define INPUTS(h) FSW_MAX_INPUTS
 #define OUTPUTS(h) FSW_MAX_OUTPUTS
 #define CANDIDATES(h) FSW_HORIZON_CANDIDATES
+#define MOVES(h) FSW_MAX_MOVES
+#define STEPS(h) FSW_MAX_STEPS
 #define COPIES 0
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC optimize("peel-loops", "no-tree-loop-distribute-patterns", "fp-contract=off") /* as in foreswitch.c */
+#endif
 #else
 #define STATES(h) (h)->states
 #define INPUTS(h) (h)->inputs
 #define OUTPUTS(h) (h)->outputs
 #define CANDIDATES(h) (h)->candidates
+#define MOVES(h) (h)->moves
+#define STEPS(h) (h)->steps
 #if defined(__OPTIMIZE_SIZE__)
 #define COPIES 0
 #else
@@ -73,7 +80,7 @@ INLINE void pull_back(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, n
 {
     fsw_real p[FSW_SPAN], y[FSW_HORIZON_STATES], g[FSW_MAX_INPUTS];
     for (natural i = 0; i < n + m; i++) p[i] = s->last[i];
-    for (natural k = h->moves; k-- > 0;) {
+    for (natural k = MOVES(h); k-- > 0;) {
         const fsw_real *gain = h->gain + k * m * n, *gain_previous = h->gain_previous + k * m * m;
         fsw_real *t = s->target[k];
         for (natural o = 0; o < q; o++) {
@@ -101,7 +108,7 @@ INLINE void pull_back(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, n
 INLINE void prepare(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural q, const fsw_real *z,
                     const fsw_real *reference, const fsw_real *w, const fsw_real *rest)
 {
-    const natural N = h->steps, d = h->disturbances;
+    const natural N = STEPS(h), d = h->disturbances;
     fsw_real *x = s->end, *p = s->last, y[FSW_HORIZON_STATES], drift[FSW_HORIZON_STATES], known[FSW_MAX_OUTPUTS];
     for (natural i = 0; i < n; i++) {
         x[i] = z[i];
@@ -111,7 +118,7 @@ INLINE void prepare(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, nat
     for (natural k = 0; k < N; k++) { /* free response */
         for (natural i = 0; k > 0 && i < n; i++) {
             y[i] = product(drift[i], h->F + i * n, x, n);
-            if (h->tail == FSW_TAIL_REST && k >= h->moves) y[i] = product(y[i], h->G + i * m, rest, m);
+            if (h->tail == FSW_TAIL_REST && k >= MOVES(h)) y[i] = product(y[i], h->G + i * m, rest, m);
         }
         for (natural i = 0; k > 0 && i < n; i++) x[i] = y[i];
         for (natural o = 0; o < q; o++) {
@@ -130,13 +137,13 @@ INLINE void prepare(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, nat
         for (natural o = 0; o < q; o++) s->aim[t] += h->terminal_reference[t * q + o] * final[o * h->order];
     }
     s->priced = 0;
-    if (h->moves == 1) return; /* its candidates are simply tried */
+    if (MOVES(h) == 1) return; /* its candidates are simply tried */
     for (natural i = 0; i < n + m; i++) p[i] = 0;
     for (natural t = 0; t < h->terminal; t++) {
         const fsw_real e = product(-s->aim[t], h->T + t * n, x, n);
         for (natural i = 0; i < n; i++) p[i] += h->T[t * n + i] * e;
     }
-    for (natural k = N; k-- > h->moves;) { /* tail */
+    for (natural k = N; k-- > MOVES(h);) { /* tail */
         for (natural o = 0; o < q; o++) {
             const fsw_real e = s->error[k][o] * h->root_weight[k * q + o];
             for (natural i = 0; i < n; i++) p[i] += h->S[o * n + i] * e;
@@ -170,7 +177,7 @@ static int leaves_hull(const fsw_horizon *h, const fsw_horizon_scratch *s, natur
     fsw_real x[FSW_HORIZON_STATES], y[FSW_HORIZON_STATES], w[FSW_MAX_INPUTS], u[FSW_MAX_INPUTS];
     for (natural i = 0; i < n; i++) x[i] = 0;
     for (natural j = 0; j < m; j++) u[j] = h->value[present * m + j];
-    for (natural k = 0; k < h->moves; k++) {
+    for (natural k = 0; k < MOVES(h); k++) {
         for (natural a = 0; a < m; a++)
             w[a] = product(product(s->target[k][a], h->gain + (k * m + a) * n, x, n),
                            h->gain_previous + (k * m + a) * m, u, m);
@@ -196,7 +203,7 @@ static natural pin(const fsw_horizon *h, fsw_horizon_scratch *s, natural present
     fsw_real W[FSW_SPAN * FSW_SPAN], p[FSW_SPAN], X[FSW_SPAN * FSW_SPAN], scale = 0;
     for (natural i = 0; i < v * v; i++) W[i] = h->last_value[i];
     for (natural i = 0; i < v; i++) p[i] = s->last[i];
-    for (natural k = h->moves; k-- > 0;) {
+    for (natural k = MOVES(h); k-- > 0;) {
         for (natural o = 0; o < q; o++) {
             const fsw_real root = h->root_weight[k * q + o], *S = h->S + o * n;
             for (natural i = 0; i < n; i++) {
@@ -263,7 +270,7 @@ static natural pin(const fsw_horizon *h, fsw_horizon_scratch *s, natural present
     natural changes = 0;
     for (natural i = 0; i < n; i++) y[i] = 0;
     for (natural j = 0; j < m; j++) y[n + j] = h->value[present * m + j];
-    for (natural k = 0; k < h->moves; k++) {
+    for (natural k = 0; k < MOVES(h); k++) {
         for (natural j = 0; j < m; j++) {
             const natural r = v + j;
             const fsw_real *row = s->u.hull.row[k][j], a = h->hull[2 * j], c = h->hull[2 * j + 1];
@@ -299,13 +306,13 @@ static void set_prices(const fsw_horizon *h, fsw_horizon_scratch *s, natural pre
 {
     const natural m = INPUTS(h);
     natural passes = PASSES;
-    for (natural k = 0; k < h->moves; k++)
+    for (natural k = 0; k < MOVES(h); k++)
         for (natural j = 0; j < m; j++) s->u.hull.pinned[k][j] = 0;
     while (pin(h, s, present) > 0 && --passes > 0) {
     }
     pull_back(h, s, STATES(h), m, OUTPUTS(h), s->u.hull.slope);
     s->priced = 1;
-    for (natural k = 0; k < h->moves; k++)
+    for (natural k = 0; k < MOVES(h); k++)
         for (natural c = 0; c < h->candidates; c++) {
             s->penalty[k][c] = 0;
             for (natural j = 0; j < m; j++) {
@@ -396,7 +403,7 @@ INLINE void expand(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natu
         bound[i] = b;
         child[i] = (uint8_t)c;
     }
-    s->u.tree.count[k] = (uint8_t)(count > 1 && k > 0 && k + 1u == h->moves ? 1 : count);
+    s->u.tree.count[k] = (uint8_t)(count > 1 && k > 0 && k + 1u == MOVES(h) ? 1 : count);
     s->u.tree.next[k] = 0;
 }
 
@@ -409,16 +416,16 @@ INLINE fsw_real cost_of(const fsw_horizon *h, const fsw_horizon_scratch *s, natu
     fsw_real x[FSW_HORIZON_STATES], y[FSW_HORIZON_STATES], cost = 0;
     natural from = present;
     for (natural i = 0; i < n; i++) x[i] = 0;
-    for (natural k = 0; k < h->steps; k++) {
-        const natural c = sequence[k < h->moves ? k : h->moves - 1u];
+    for (natural k = 0; k < STEPS(h); k++) {
+        const natural c = sequence[k < MOVES(h) ? k : MOVES(h) - 1u];
         for (natural i = 0; i < n; i++)
-            y[i] = product(k < h->moves || hold ? h->effect[c * n + i] : 0, h->F + i * n, x, n);
+            y[i] = product(k < MOVES(h) || hold ? h->effect[c * n + i] : 0, h->F + i * n, x, n);
         for (natural i = 0; i < n; i++) x[i] = y[i];
         for (natural o = 0; o < q; o++) {
             const fsw_real e = s->error[k][o] + h->root_weight[k * q + o] * product(0, h->S + o * n, x, n);
             cost += e * e;
         }
-        if (k >= h->moves) continue;
+        if (k >= MOVES(h)) continue;
         for (natural j = 0; j < m; j++) {
             const fsw_real move = h->value[c * m + j] - h->value[from * m + j];
             cost += h->move_weight[j] * move * move;
@@ -449,7 +456,7 @@ INLINE void root(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natura
     for (natural i = 0; i < n; i++) s->u.tree.x[0][i] = 0;
     for (natural j = 0; j < m; j++) s->u.tree.wait[0][j] = (uint16_t)(wait[j] < UINT16_MAX ? wait[j] : UINT16_MAX);
 #if FSW_RECORDS > 0
-    for (natural k = 0; h->dominance && k < h->moves; k++) s->u.tree.visits[k] = 0;
+    for (natural k = 0; h->dominance && k < MOVES(h); k++) s->u.tree.visits[k] = 0;
 #else
     (void)h;
 #endif
@@ -474,7 +481,7 @@ INLINE fsw_real follow(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, 
 {
     fsw_real cost = 0;
     natural from = present;
-    for (natural k = 0; k < h->moves; k++) {
+    for (natural k = 0; k < MOVES(h); k++) {
         const natural c = sequence[k];
         if (c >= C || (timed && !allowed(h, s, m, k, from, c))) return HUGE_COST;
         if (s->priced) cost += s->penalty[k][c];
@@ -486,7 +493,7 @@ INLINE fsw_real follow(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, 
                                h->place[row];
             cost += e * e;
         }
-        if (k + 1u < h->moves) descend(h, s, n, m, k, from, c, timed);
+        if (k + 1u < MOVES(h)) descend(h, s, n, m, k, from, c, timed);
         from = c;
     }
     return cost;
@@ -515,7 +522,7 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
                                  uint8_t present, const uint32_t *wait, const uint8_t *warm, natural first,
                                  uint32_t budget)
 {
-    const natural last = h->moves - 1u;
+    const natural last = MOVES(h) - 1u;
     fsw_horizon_answer answer = {HUGE_COST, 0, 0, 0, 0};
     int timed = h->dwell != 0; /* without any, a dwell may still have been given to start with */
     for (natural j = 0; j < m; j++) timed |= wait[j] > 0;
@@ -528,7 +535,7 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
     if (warm && last > 1) { /* else the first descent is as good */
         root(h, s, n, m, wait);
         answer.excess = follow(h, s, n, m, C, present, timed, warm);
-        answer.nodes = h->moves;
+        answer.nodes = MOVES(h);
         answer.found = answer.excess < HUGE_COST;
         for (natural i = 0; answer.found && i <= last; i++) s->best[i] = warm[i];
     }
@@ -562,7 +569,7 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
                 set_prices(h, s, present);
                 root(h, s, n, m, wait);
                 answer.excess = follow(h, s, n, m, C, present, timed, s->best);
-                answer.nodes += h->moves;
+                answer.nodes += MOVES(h);
                 if (!(answer.excess <= plain)) { /* worse than without them, or NaN: they did not converge */
                     withdraw_prices(h, s);
                     answer.excess = plain;
@@ -623,7 +630,7 @@ static fsw_horizon_answer try_each(const fsw_horizon *h, fsw_horizon_scratch *s,
 fsw_horizon_answer fsw_horizon_search(const fsw_horizon *h, fsw_horizon_scratch *s, uint8_t present,
                                       const uint32_t *wait, const uint8_t *warm, uint8_t first, uint32_t node_budget)
 {
-    if (h->moves == 1) return try_each(h, s, present, wait, first);
+    if (MOVES(h) == 1) return try_each(h, s, present, wait, first);
 #if COPIES
     if (h->states == 2 && h->inputs == 1) {
         if (h->candidates == 2) return search(h, s, 2, 1, 2, present, wait, warm, first, node_budget);

@@ -16,8 +16,10 @@ __all__ = ["Golden", "golden_steps"]
 MOST, LEAST = 256, 32
 #: Numbers told to the controller in all, about: more steps where each needs few.
 NUMBERS = 4096
-#: Each part starts from rest with the reference elsewhere: a plant that cannot return is tried more than once.
+#: Each part has its own reference, from where the plant is; an unstable one starts anew.
 PARTS = 4
+#: Most periods for which a command behind a reference is held.
+HELD = 8
 #: Finite, so that any compiler can read it, and beyond what the core takes for a measurement.
 UNUSABLE = {"float32": 3e38, "float64": 1e300}
 
@@ -58,44 +60,41 @@ class Golden:
 def golden_steps(controller: Controller) -> Golden:
     """Record a closed loop of a controller's design, from its start; the controller itself is left alone.
 
-    Measured values carry a little noise; some are unusable, as are a reference and a disturbance, so that every status
-    occurs that the design knows.
+    The reference is what the model does under commands drawn at random, so that it is within reach of any plant. Measured
+    values carry a little noise; some are unusable, as are a reference and a disturbance, so that every status occurs that
+    the design knows.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the design, which has been made once
         law = controller.replace()
-    plant, real = law.plant, REALS[law.real]
+    plant, real, p = law.plant, REALS[law.real], law.plant.disturbances
     width = law.evaluations * plant.outputs * law.order
-    steps = int(np.clip(NUMBERS // (width + law._measured[0]), LEAST, MOST))
-    p, huge = plant.disturbances, UNUSABLE[law.real]
-    low, high = _reach(law)
-    swing = np.where(high > low, high - low, 1.0)
+    length = int(np.clip(NUMBERS // (width + law._measured[0]), LEAST, MOST)) // PARTS
+    steps, huge = PARTS * length, UNUSABLE[law.real]
     rows: list[tuple[Any, ...]] = []
-    x = np.zeros(plant.states)
+    x, unstable = np.zeros(plant.states), abs(np.linalg.eigvals(law._model.transition)).max() > 1.0 + 1e-9
     for k in range(steps):
-        part, at = divmod(k, steps // PARTS)
+        part, at = divmod(k, length)
         if at == 0:
-            x = np.zeros(plant.states)
-        w = np.array([0.1 * np.sin(0.3 * k + i) for i in range(p)])
+            x = np.zeros(plant.states) if unstable else x
+            wanted = _course(law, x, length, part)
+        w = 0.01 * _noise(k, p)
         shown = x if law.estimator is None else plant.C @ x + plant.y_offset
-        scale = 1e-3 * (np.abs(shown) + 1e-3)
-        shown = (shown + scale * _noise(k, shown.size)).astype(real)
-        reference = _wave(law, low, swing, (at + 7 * part) * law.Ts, steps // PARTS).astype(real)
-        told_w = w.astype(real)
+        shown = (shown * (1.0 + 1e-3 * _noise(k, shown.size))).astype(real)
+        reference, told = wanted[at].astype(real), w.astype(real)
         if _bad(k, steps, law._bad_limit):
-            shown = np.full_like(shown, huge)
+            shown[:] = huge
         if k == steps // 3:
             reference.flat[0] = huge
         if p and k in (steps // 5, steps // 5 + 1):
-            told_w[0] = huge
+            told[0] = huge
         given = shown.astype(float), reference.astype(float)
-        options = {"disturbance": told_w.astype(float)} if p else {}
+        options = {"disturbance": told.astype(float)} if p else {}
         decision = law.decide(*given, **options)
-        u = law.step(*given, **options)
-        command = np.frombuffer(law._core.line(), dtype=np.uint8)[-plant.inputs :]
-        rows.append((shown, reference.ravel(), told_w, command, law.status, real(decision.cost), decision.nodes))
-        x = _advance(law, x, w, u)
-        x = np.clip(x, -1e6 * (1.0 + swing.max()), 1e6 * (1.0 + swing.max()))  # an unstable plant, left alone
+        law.step(*given, **options)
+        line = np.frombuffer(law._core.line(), dtype=np.uint8).reshape(-1, plant.inputs)
+        rows.append((shown, reference.ravel(), told, line[-1], law.status, real(decision.cost), decision.nodes))
+        x = _advance(law, x, w)
     state, disturbances = np.empty(plant.states), np.empty(law._disturbances)
     law._core.estimate(state, disturbances)
     names = ("measured", "reference", "disturbance", "command", "status", "cost", "nodes")
@@ -109,8 +108,14 @@ def _bad(k: int, steps: int, limit: int) -> bool:
     return k == 0 or 0 <= k - steps // 2 < run
 
 
-def _advance(law: Controller, x: Any, w: Any, u: Any) -> Any:
-    """The model one period later; the command `u` is already in the line."""
+def _noise(k: int, count: int) -> Any:
+    """Numbers in [-1, 1), the same with every library."""
+    seeds = (k * 64 + np.arange(count) + 1) * 2654435761 % 2**32
+    return seeds / 2.0**31 - 1.0
+
+
+def _advance(law: Controller, x: Any, w: Any) -> Any:
+    """The model one period later; the newest command is in the line already."""
     model, history = law._model, law._history()
     result = model.transition @ x + model.disturbance[:, : w.size] @ w + model.drift
     for j, delay in enumerate(model.delay):
@@ -120,33 +125,24 @@ def _advance(law: Controller, x: Any, w: Any, u: Any) -> Any:
     return result
 
 
-def _reach(law: Controller) -> tuple[Any, Any]:
-    """Least and largest value of each output within a while of holding any one command, from rest."""
+def _course(law: Controller, x: Any, length: int, part: int) -> Any:
+    """References (length, evaluations, q, order) of one part: the outputs from x on under commands drawn at random."""
     plant, model = law.plant, law._model
-    seen = [plant.y_offset]
-    for command in law._actuator.values(law._actuator.candidates[:64]):
-        x = np.zeros(plant.states)
-        for _ in range(25):
-            x = model.transition @ x + (model.old + model.new).T @ command + model.drift
-            seen.append(plant.C @ x + plant.y_offset)
-    values = np.array(seen)
-    return values.min(axis=0), values.max(axis=0)
-
-
-def _noise(k: int, count: int) -> Any:
-    """Numbers in [-1, 1), the same with every library."""
-    seeds = (k * 64 + np.arange(count) + 1) * 2654435761 % 2**32
-    return seeds / 2.0**31 - 1.0
-
-
-def _wave(law: Controller, low: Any, swing: Any, t: float, length: int) -> Any:
-    """A wave through what the outputs can reach, with its derivatives: (evaluations, q, order)."""
-    omega = 2.0 * np.pi / (length * law.Ts)
-    times = t + np.arange(law.evaluations) * law.Ts
-    i = np.arange(law.order)
-    phase = omega * times[:, None, None] - 0.5 * np.pi * (1.0 + np.arange(law.plant.outputs))[:, None]
-    waves = 0.5 * omega**i * np.sin(phase + 0.5 * np.pi * i)
-    waves[..., 0] += 0.5
-    result = swing[:, None] * waves
-    result[..., 0] += low
-    return result
+    ahead = np.maximum(np.round(np.broadcast_to(law.reference_times.T, (1, law.evaluations))[0] / law.Ts), 0).astype(
+        int
+    )
+    commands = law._actuator.values(law._actuator.candidates)
+    rows = [plant.C @ np.linalg.matrix_power(plant.A, i) for i in range(law.order)]
+    course, left, draw = [], 0, 1000 * (part + 1)
+    for _ in range(length + ahead.max()):
+        if left == 0:
+            held, chosen = _noise(draw, 2) * 0.5 + 0.5
+            left, command = 1 + int(held * HELD), commands[int(chosen * len(commands))]
+            draw += 1
+        left -= 1
+        course.append([row @ x for row in rows])
+        x = model.transition @ x + (model.old + model.new).T @ command + model.drift
+    course.append([row @ x for row in rows])
+    values = np.array(course).transpose(0, 2, 1)  # (time, q, order)
+    values[..., 0] += plant.y_offset
+    return np.array([values[np.minimum(k + ahead, length + ahead.max())] for k in range(length)])

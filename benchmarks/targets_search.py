@@ -28,10 +28,13 @@ class History:
 
 
 class Search:
-    """Over the histories of one controller; spread: typical sizes of [measured, reference, w]."""
+    """Over the histories of one controller; spread: typical sizes of [measured, reference, w].
 
-    def __init__(self, law: Controller, spread: np.ndarray, steps: int, seed: int = 1) -> None:
-        self.law, self.spread, self.steps = law, spread, steps
+    usable: no sample is taken for bad.
+    """
+
+    def __init__(self, law: Controller, spread: np.ndarray, steps: int, *, usable: bool = False, seed: int = 1) -> None:
+        self.law, self.spread, self.steps, self.usable = law, spread, steps, usable
         self.rng = np.random.default_rng(seed)
         script = Script(law)
         self.sizes, m = script.sizes, law.plant.inputs
@@ -80,20 +83,21 @@ class Search:
             script.restart(one.line, one.wait)
             script.start(one.known[: self.sizes["states"]], one.known[self.sizes["states"] :])
             for sample in one.samples:
+                if self.usable:
+                    sample = np.nan_to_num(sample, nan=1.0, posinf=1e29, neginf=-1e29).clip(-1e29, 1e29)
                 given = np.nan_to_num(sample[z : z + self.reference], nan=1.0, posinf=1e29, neginf=-1e29)
                 script.step(sample[:z], given, sample[z + self.reference :])
         return script
 
     def run(self, counted: Callable[[Script], list[int]], generations: int) -> tuple[int, History]:
         """The dearest step found, and the history that leads to it. ``counted`` tells what each step took."""
-        pool, most = [self.fresh() for _ in range(HISTORIES)], []
+        pool = [self.fresh() for _ in range(HISTORIES)]
         ranked: list[tuple[int, History]] = []
         for _ in range(generations):
             counts = counted(self.told(pool))
             assert len(counts) == self.steps * len(pool)
             worst = np.array(counts).reshape(len(pool), -1).max(axis=1)
             ranked = sorted([*ranked, *zip(worst.tolist(), pool, strict=True)], key=lambda pair: -pair[0])[:KEPT]
-            most.append(ranked[0][0])
             pool = [self.changed(ranked[i % KEPT][1]) for i in range(HISTORIES - KEPT // 2)]
             pool += [self.fresh() for _ in range(KEPT // 2)]
         return ranked[0]

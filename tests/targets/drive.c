@@ -1,8 +1,6 @@
 /* A controller steered by a stream of operations; each answers with what it commanded and a checksum of the state.
  * drive.py writes the stream and knows the answers. */
-#include "foreswitch.h"
 #include "foreswitch_design.h"
-
 #include "port.h"
 
 enum { END, STEP, DECIDE_AND_STEP, PRELOAD, START, INIT };
@@ -98,7 +96,7 @@ static uint8_t start(const fsw_design *d)
 
 int main(void)
 {
-    const fsw_design *d = &DESIGN;
+    const fsw_design *d = &controller;
     for (;;) {
         uint8_t operation, validity = 0;
         port_read(&operation, 1);

@@ -1,20 +1,20 @@
 """What drive.c is told, and what it must answer: the same operations on the core inside Python, bit by bit."""
 
-import re
 import struct
-import sys
 import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
+import foreswitch as fsw
 from foreswitch import Controller
 from foreswitch.core import CORES, REALS
 from targets.harness import HERE, Image, Target
 
 #: In the order of the binding.
-SIZES = ["states", "inputs", "outputs", "disturbances", "order", "rows", "candidates", "bad_limit", "measured", "loads", "gate_limit"]
+SIZES = ["states", "inputs", "outputs", "disturbances", "order", "rows", "candidates", "bad_limit", "measured", "loads",
+         "gate_limit"]  # fmt: skip
 END, STEP, DECIDE_AND_STEP, PRELOAD, START, INIT = range(6)
 
 
@@ -127,92 +127,19 @@ class Script:
 
 
 def exported(folder: Path, law: Controller) -> Path:
-    """INTERIM until export_c."""
-    import shutil
-
-    sys.path.insert(0, str(HERE.parent.parent / "benchmarks"))
-    from emit import design_source
-
-    sizes, core = law_sizes(law), HERE.parent.parent / "core"
-    folder.mkdir(exist_ok=True)
-    for name in ("foreswitch.c", "foreswitch.h", "horizon.c", "horizon.h"):
-        shutil.copy(core / name, folder)
-    limits = {
-        "FSW_MAX_STATES": sizes["states"],
-        "FSW_MAX_INPUTS": sizes["inputs"],
-        "FSW_MAX_OUTPUTS": max(sizes["outputs"], 1),
-        "FSW_MAX_DISTURBANCES": max(1, sizes["disturbances"]),
-        "FSW_MAX_LINE": sizes["rows"] * sizes["inputs"],
-    }
-    values = dict(
-        zip(
-            [
-                "level_count",
-                "pending",
-                "holds",
-                "exact_levels",
-                "levels",
-                "candidate",
-                "safe",
-                "state_row",
-                "disturbance_row",
-                "offset",
-            ],
-            law._parts[1],
-        )
-    )
-    holds = law._parts[1][2]
-    arrays = law._parts[1]
-    import emit
-
-    named = emit.named(emit.ARRAYS, arrays)
-    limits |= {
-        "FSW_FIXED": 1,
-        "FSW_DISTURBANCES": sizes["disturbances"],
-        "FSW_LOADS": sizes["loads"],
-        "FSW_ORDER": sizes["order"],
-        "FSW_CANDIDATES": sizes["candidates"],
-        "FSW_ESTIMATOR": int("gain" in named),
-        "FSW_REST": int("rest_reference" in named),
-        "FSW_SWITCH_COST": int(np.any(named.get("switch_cost", 0) != 0)),
-        "FSW_HELD_ONCE": int(np.all(named["holds"] == 1)) if not law._parts[2] else 0,
-        "FSW_OFFSET": int(np.any(named.get("offset", np.ones(1)) != 0)),
-    }
-    if law._parts[2]:
-        h = law._parts[2][0]
-        limits |= {
-            "FSW_MAX_MOVES": h[1],
-            "FSW_MAX_STEPS": h[0],
-            "FSW_HORIZON_STATES": h[2],
-            "FSW_HORIZON_CANDIDATES": sizes["candidates"],
-        }
-    if law.real == "float32":
-        limits["FSW_SINGLE"] = 1
-    text = (
-        "#ifdef FSW_LIMITS\n"
-        + "".join(f"#define {k} {v}\n" for k, v in limits.items())
-        + "#else\n"
-        + re.sub(r"(\.far = [^,}]+)", lambda m: m[1].replace("= ", "= (fsw_real)"), design_source(law))
-        + "#endif\n"
-    )
-    (folder / "foreswitch_design.h").write_text(text)
+    """The controller as firmware."""
+    fsw.export_c(law, folder)
     return folder
+
+
+def core_sources(folder: Path) -> list[Path]:
+    """Of an exported folder."""
+    return [path for path in (folder / "foreswitch.c", folder / "horizon.c") if path.exists()]
 
 
 def program(folder: Path, law: Controller, target: Target, *flags: str, level: str = "-O2") -> Image:
     """drive.c round the exported controller."""
-    source = exported(folder / "exported", law)
-    sizes = law_sizes(law)
-    given = [
-        f"-DDRIVE_REFERENCE={law.evaluations * sizes['outputs'] * sizes['order']}",
-        f"-DDRIVE_CANDIDATES={sizes['candidates']}",
-        f"-I{source}",
-        "-DDESIGN=design",
-    ]
-    return target.build(
-        folder / target.name,
-        [HERE / "drive.c", source / "foreswitch.c", source / "horizon.c"],
-        *given,
-        *flags,
-        level=level,
-    )
+    source, sizes = exported(folder / "exported", law), law_sizes(law)
+    values = law.evaluations * sizes["outputs"] * sizes["order"]
+    given = [f"-I{source}", f"-DDRIVE_REFERENCE={values}", f"-DDRIVE_CANDIDATES={sizes['candidates']}"]
+    return target.build(folder / target.name, [HERE / "drive.c", *core_sources(source)], *given, *flags, level=level)

@@ -233,7 +233,7 @@ def avr(name: str) -> Target:
     )
 
 
-WASM = ("--target=wasm32", "-nostdlib", "-fno-builtin")
+WASM = ("--target=wasm32", "-nostdlib", "-fno-builtin", f"-I{HERE / 'wasm/include'}")
 TARGETS = {
     target.name: target
     for target in (

@@ -42,7 +42,7 @@ def pushed(code: str) -> int:
 
 
 def deepest(image: Image, name: str) -> tuple[int, list[str]]:
-    """Bytes with its return address, and the chain of calls that takes them. Recursion and calls through pointers are errors."""
+    """Bytes with its return address, and the chain of calls that takes them; recursion or a call through a pointer fails."""
     known, code = frames(image), dict(functions(image))
     address = RETURN_ADDRESS[image.target.compiler]
     done: dict[str, tuple[int, list[str]]] = {}
@@ -52,9 +52,9 @@ def deepest(image: Image, name: str) -> tuple[int, list[str]]:
         if name not in done:
             text = code[name]
             assert path == () or not INDIRECT.search(text.replace("bx\tlr", "")), f"{name} calls through a pointer"
-            # a name with a suffix is a part or a copy that the compiler made
-            own = known.get(name, known.get(name.split(".")[0]))
-            own = pushed(text) + address if own is None else own
+            plain = re.sub(r"\.\d+", "", name)  # .su files leave out the numbers of copies
+            assert plain in known or "." not in plain, f"{name} is in no .su file"
+            own = known.get(plain, pushed(text) + address)
             called = {other for other in CALL.findall(text) if other != name and other in code}
             below = max((visit(other, (*path, name)) for other in called), default=(0, []))
             done[name] = own + below[0], [name, *below[1]]

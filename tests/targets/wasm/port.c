@@ -1,4 +1,6 @@
 /* The host provides port_read and port_write. What a compiler may call, C99 wants to be there. */
+#include <stdio.h>
+
 #include "port.h"
 
 typedef __SIZE_TYPE__ size;
@@ -30,4 +32,11 @@ void *memset(void *to, int value, size count)
     volatile unsigned char *a = to;
     while (count-- > 0) *a++ = (unsigned char)value;
     return to;
+}
+
+int putchar(int c)
+{
+    const char one = (char)c;
+    port_write(&one, 1);
+    return c;
 }

@@ -491,6 +491,72 @@ static PyObject *predictive_preload(PyObject *object, PyObject *args)
     Py_RETURN_NONE;
 }
 
+/* What was measured, (x, w), float64 arrays, into the buffer; x None: nothing, and *x becomes null. */
+static int read_measured(Predictive *self, PyObject *x_object, PyObject *w_object, const fsw_real **x,
+                         const fsw_real **w)
+{
+    const Law *base = &self->base;
+    fsw_real *to = self->core.buffer;
+    *x = NULL, *w = to + base->measured;
+    if (x_object == Py_None) return 1;
+    *x = to;
+    if (read_array(x_object, to, base->measured, 1, 0) == (Py_ssize_t)base->measured &&
+        read_array(w_object, to + base->measured, base->disturbances, 1, 0) == (Py_ssize_t)base->disturbances)
+        return 1;
+    return PyErr_SetString(PyExc_ValueError, "x and w must be float64 arrays of the design's sizes"), 0;
+}
+
+/* track(x, w, command): a period in which somebody else chose; level indices */
+static PyObject *predictive_track(PyObject *object, PyObject *args)
+{
+    Predictive *self = (Predictive *)object;
+    const fsw_design *d = &self->core.design;
+    PyObject *x_object, *w_object, *command_object;
+    const fsw_real *x, *w;
+    const uint8_t *command;
+    views v = {.count = 0};
+    if (!PyArg_ParseTuple(args, "OOO", &x_object, &w_object, &command_object) ||
+        !read_measured(self, x_object, w_object, &x, &w))
+        return NULL;
+    if (!attach(&v, command_object, "command", 'B', d->inputs, 0, 0, &command)) return release(&v), NULL;
+    const fsw_validity validity = fsw_track(d, &self->core.state, x, w, command);
+    release(&v);
+    if (validity != FSW_VALID) return PyErr_SetString(PyExc_ValueError, "a level index is out of range"), NULL;
+    Py_RETURN_NONE;
+}
+
+/* missed(periods): the command in force went on */
+static PyObject *predictive_missed(PyObject *object, PyObject *args)
+{
+    Predictive *self = (Predictive *)object;
+    unsigned short periods;
+    if (!PyArg_ParseTuple(args, "H", &periods)) return NULL;
+    fsw_missed(&self->core.design, &self->core.state, periods);
+    Py_RETURN_NONE;
+}
+
+/* safe(x, w): a period at the safe levels */
+static PyObject *predictive_safe(PyObject *object, PyObject *args)
+{
+    Predictive *self = (Predictive *)object;
+    PyObject *x_object, *w_object;
+    const fsw_real *x, *w;
+    fsw_real u[FSW_MAX_INPUTS];
+    if (!PyArg_ParseTuple(args, "OO", &x_object, &w_object) || !read_measured(self, x_object, w_object, &x, &w))
+        return NULL;
+    fsw_safe(&self->core.design, &self->core.state, x, w, u);
+    self->status = FSW_SAFE;
+    Py_RETURN_NONE;
+}
+
+/* bad() -> (in a row, in total) */
+static PyObject *predictive_bad(PyObject *object, PyObject *nothing)
+{
+    (void)nothing;
+    const fsw_state *s = &((Predictive *)object)->core.state;
+    return Py_BuildValue("ik", (int)s->bad, (unsigned long)s->bad_total);
+}
+
 /* line() -> bytes: level indices of the commands issued, oldest first, the present one last */
 static PyObject *predictive_line(PyObject *object, PyObject *nothing)
 {
@@ -1122,6 +1188,10 @@ static PyMethodDef predictive_methods[] = {
     {"save", predictive_save, METH_NOARGS, NULL},
     {"restore", predictive_restore, METH_O, NULL},
     {"start", predictive_start, METH_VARARGS, NULL},
+    {"track", predictive_track, METH_VARARGS, NULL},
+    {"missed", predictive_missed, METH_VARARGS, NULL},
+    {"safe", predictive_safe, METH_VARARGS, NULL},
+    {"bad", predictive_bad, METH_NOARGS, NULL},
     {"estimate", predictive_estimate, METH_VARARGS, NULL},
     {"sequence", predictive_sequence, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL},

@@ -334,6 +334,12 @@ class Controller:
         return STATUSES[code]
 
     @property
+    def bad_samples(self) -> tuple[int, int]:
+        """Samples that were not usable: in a row up to now, and in total since the latest `reset`."""
+        in_a_row, total = self._core.bad()
+        return in_a_row, total
+
+    @property
     def estimate(self) -> tuple[Array, Array]:
         """The state (n,) and the loads (l,) that the latest command is based on; NaN before anything was measured."""
         x, w = np.empty(self.plant.states), np.empty(self._disturbances)
@@ -486,11 +492,80 @@ class Controller:
             gap if decided else np.inf, Status(status),
         )  # fmt: skip
 
+    def track(self, command: ArrayLike, x: ArrayLike | None = None, *, disturbance: ArrayLike | None = None) -> None:
+        """One switching period in which somebody else chose, say an operator.
+
+        The commands under way, dwell and the estimate stay true, so that the next `step` takes over without a bump.
+
+        Parameters
+        ----------
+        command : array_like, shape (m,)
+            The levels really issued in this period, allowed or not.
+        x, disturbance : array_like, optional
+            As in `step`; without x nothing was measured.
+
+        Raises
+        ------
+        ValueError
+            If the command is no level, or a shape does not fit.
+        """
+        indices = np.array(level_indices("command", command, self.levels), dtype=np.uint8)
+        self._core.track(*self._measurement(x, disturbance), indices)
+
+    def missed(self, periods: int = 1) -> None:
+        """So many steps did not take place, and the command in force went on. Call before the next `step`.
+
+        Parameters
+        ----------
+        periods : int
+            At most 65535; after a longer silence, `reset`.
+
+        Raises
+        ------
+        ValueError
+            If the number is out of range.
+        """
+        if not 0 <= _check.number("periods", periods) <= 65535 or periods != int(periods):
+            raise ValueError(f"periods is {periods}; give 0 to 65535, or reset after a longer silence")
+        self._core.missed(int(periods))
+
+    def safe(self, x: ArrayLike | None = None, *, disturbance: ArrayLike | None = None) -> Array:
+        """One switching period at the safe levels, whatever the dwell: in place of `step` for as long as a fault lasts.
+
+        Parameters
+        ----------
+        x, disturbance : array_like, optional
+            As in `track`.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            The safe levels.
+
+        Raises
+        ------
+        ValueError
+            If a shape does not fit.
+        """
+        self._core.safe(*self._measurement(x, disturbance))
+        u: Array = self._history()[-1]
+        return u
+
+    def _measurement(self, x: ArrayLike | None, disturbance: ArrayLike | None) -> tuple[Any, Any]:
+        """What was measured, as the core takes it; nothing where x is None."""
+        if x is None:
+            return None, None
+        return _check.vector("x", x, *self._measured), self._w(disturbance)
+
+    def _w(self, disturbance: ArrayLike | None) -> Array:
+        p = self.plant.disturbances
+        if disturbance is None:
+            return np.zeros(p)
+        return _check.vector("disturbance", disturbance, p, "measured disturbance")
+
     def _canonical(self, x: ArrayLike, reference: ArrayLike, disturbance: ArrayLike | None) -> tuple[Array, Array, Any]:
         """Arguments in the one form the core takes, or a ValueError."""
-        p = self.plant.disturbances
-        state = _check.vector("x", x, *self._measured)
-        w = np.zeros(p) if disturbance is None else _check.vector("disturbance", disturbance, p, "measured disturbance")
+        state, w = _check.vector("x", x, *self._measured), self._w(disturbance)
         return state, canonical_reference(reference, self.plant.outputs, self.order, self.evaluations), w
 
     def copy(self) -> Controller:

@@ -247,6 +247,190 @@ static void golden(const json *file)
     CHECK(step >= 3, "only %u steps", step);
 }
 
+/* ---- Periods in which fsw_step does not choose: on every design ---- */
+
+#define IS(u, level) (!((u) < (level)) && !((u) > (level)))
+
+/* What a plan leaves behind is no part of what tracking keeps true. */
+static void forget_plan(fsw_state *state)
+{
+#if FSW_MAX_MOVES > 0
+    state->planned = 0;
+    memset(state->plan, 0, sizeof state->plan);
+#else
+    (void)state;
+#endif
+}
+
+/* Whoever is told each command that was issued, and what was measured, ends where the one who chose them is. */
+static void tracking(const json *file, const fsw_design *d)
+{
+    static fsw_state chooser, follower, before;
+    fsw_real *u = calloc(d->inputs, sizeof *u);
+    uint8_t *wrong = calloc(d->inputs, 1);
+    unsigned step = 0;
+    start(file, d, &chooser);
+    follower = chooser;
+    wrong[d->inputs - 1] = d->level_count[d->inputs - 1];
+    for (const json *s = json_get(file, "steps")->first; s; s = s->next, step++) {
+        const fsw_real *x = list_fsw_real(s, "x"), *w = list_fsw_real(s, "w");
+        (void)fsw_step(d, &chooser, x, list_fsw_real(s, "reference"), w, u);
+        before = follower;
+        CHECK(fsw_track(d, &follower, x, w, wrong) == FSW_INCONSISTENT && same_state(d, &follower, &before),
+              "step %u: a level that is none", step);
+        CHECK(fsw_track(d, &follower, x, w, fsw_issued(d, &chooser, 1)) == FSW_VALID, "step %u", step);
+        before = chooser;
+        forget_plan(&before);
+        forget_plan(&follower);
+        CHECK(same_state(d, &follower, &before), "step %u: another state", step);
+    }
+    CHECK(chooser.bad_total >= chooser.bad, "%u in all", (unsigned)chooser.bad_total);
+}
+
+/* Missed calls are the command in force, tracked without a measurement; nothing counts as bad. */
+static void missing(const json *file, const fsw_design *d)
+{
+    static fsw_state state, other;
+    const json *steps = json_get(file, "steps")->first;
+    fsw_real *u = calloc(d->inputs, sizeof *u);
+    uint8_t *present = calloc(d->inputs, 1);
+    start(file, d, &state);
+    for (const json *s = steps; s; s = s->next)
+        (void)fsw_step(d, &state, list_fsw_real(s, "x"), list_fsw_real(s, "reference"), list_fsw_real(s, "w"), u);
+    const uint16_t periods[] = {0, 1, 2, 7, 300};
+    for (int i = 0; i < 5; i++) {
+        other = state;
+        for (uint16_t k = 0; k < periods[i]; k++) {
+            memcpy(present, fsw_issued(d, &other, 1), d->inputs);
+            CHECK(fsw_track(d, &other, NULL, NULL, present) == FSW_VALID, "period %u", (unsigned)k);
+        }
+        const uint32_t bad = state.bad_total;
+        fsw_missed(d, &state, periods[i]);
+        forget_plan(&other);
+        forget_plan(&state);
+        CHECK(same_state(d, &state, &other) && state.bad_total == bad, "%u periods", (unsigned)periods[i]);
+        for (uint16_t j = 0; j < d->inputs; j++)
+            CHECK(periods[i] < 300 || state.wait[j] == 0, "input %u waits", (unsigned)j);
+    }
+    fsw_missed(d, &state, UINT16_MAX);
+    CHECK(state.head < d->rows, "head %u", (unsigned)state.head);
+}
+
+/* The safe level breaks a dwell at once, starts its own, and is remembered like any command. */
+static void fault(const json *file, const fsw_design *d)
+{
+    static fsw_state state;
+    const json *s = json_get(file, "steps")->first;
+    fsw_real *u = calloc(d->inputs, sizeof *u);
+    uint8_t *line = calloc((size_t)d->rows * d->inputs, 1);
+    uint32_t *wait = calloc(d->inputs, sizeof *wait);
+    for (uint16_t j = 0; j < d->inputs; j++) {
+        wait[j] = UINT32_MAX;                                             /* as if it were never free again */
+        line[(d->rows - 1) * d->inputs + j] = (uint8_t)(d->safe[j] == 0); /* not the safe level */
+    }
+    CHECK(fsw_init(d, &state) == FSW_VALID && fsw_preload(d, &state, line, wait) == FSW_VALID, "preload");
+    const fsw_real *x = list_fsw_real(s, "x"), *w = list_fsw_real(s, "w"), *reference = list_fsw_real(s, "reference");
+    for (int i = 0; i < 3; i++) {
+        (void)fsw_step(d, &state, x, reference, w, u);
+        for (uint16_t j = 0; j < d->inputs; j++)
+            CHECK(fsw_issued(d, &state, 1)[j] == (d->safe[j] == 0) && state.wait[j] == UINT32_MAX - 1 - (uint32_t)i,
+                  "step %d: a dwell of 2^32 - 1 periods", i);
+    }
+    fsw_safe(d, &state, x, w, u);
+    const fsw_real *levels = d->levels;
+    const uint32_t *dwell = d->dwell;
+    for (uint16_t j = 0; j < d->inputs; j++) {
+        CHECK(IS(u[j], levels[d->safe[j]]) && fsw_issued(d, &state, 1)[j] == d->safe[j], "input %u", (unsigned)j);
+        CHECK(state.wait[j] == dwell[d->safe[j]] - 1, "input %u waits %u", (unsigned)j, (unsigned)state.wait[j]);
+        CHECK(d->rows < 2 || fsw_issued(d, &state, 2)[j] == (d->safe[j] == 0), "the command before");
+        for (uint8_t i = 0; i < d->level_count[j]; i++) {
+            CHECK(fsw_dwell_left(d, j, i, 0) == dwell[i], "level %u", (unsigned)i);
+            CHECK(fsw_dwell_left(d, j, i, dwell[i] - 1) == 1, "level %u", (unsigned)i);
+            CHECK(fsw_dwell_left(d, j, i, UINT32_MAX) == 0, "level %u", (unsigned)i);
+        }
+        levels += d->level_count[j];
+        dwell += d->level_count[j];
+    }
+    fsw_safe(d, &state, NULL, NULL, u);
+    const uint32_t least = d->dwell[d->safe[0]];
+    CHECK(state.wait[0] == (least > 2 ? least - 2 : 0), "running down");
+}
+
+/* Switched on in the middle of a dwell: free exactly when it has run out. */
+static void waking(const json *file, const fsw_design *d)
+{
+    static fsw_state state;
+    fsw_real *u = calloc(d->inputs, sizeof *u);
+    uint8_t *line = calloc((size_t)d->rows * d->inputs, 1);
+    uint32_t *wait = calloc(d->inputs, sizeof *wait);
+    wait[0] = 5;
+    CHECK(fsw_init(d, &state) == FSW_VALID && fsw_preload(d, &state, line, wait) == FSW_VALID, "preload");
+    unsigned step = 0;
+    for (const json *s = json_get(file, "steps")->first; s && step < 5; s = s->next, step++) {
+        (void)fsw_step(d, &state, list_fsw_real(s, "x"), list_fsw_real(s, "reference"), list_fsw_real(s, "w"), u);
+        CHECK(fsw_issued(d, &state, 1)[0] == 0 && state.wait[0] == 4 - step, "step %u", step);
+    }
+}
+
+/* Counters stay at their ends. */
+static void saturation(const json *file, const fsw_design *d)
+{
+    static fsw_state state;
+    const json *s = json_get(file, "steps")->first;
+    fsw_real *u = calloc(d->inputs, sizeof *u), *bad = calloc(d->measured, sizeof *bad);
+    for (uint16_t i = 0; i < d->measured; i++) bad[i] = (fsw_real)NAN;
+    start(file, d, &state);
+    state.bad = UINT16_MAX - 2;
+    state.bad_total = UINT32_MAX - 2;
+    for (int i = 0; i < 5; i++) {
+        const fsw_status status =
+            fsw_step(d, &state, bad, list_fsw_real(s, "reference"), list_fsw_real(s, "w"), u).status;
+        CHECK(status == (d->bad_limit > 0 ? FSW_SAFE : FSW_HELD), "step %d: status %d", i, (int)status);
+    }
+    CHECK(state.bad == UINT16_MAX && state.bad_total == UINT32_MAX, "%u and %u", (unsigned)state.bad,
+          (unsigned)state.bad_total);
+}
+
+static int is_candidate(const fsw_design *d, const uint8_t *command)
+{
+    for (uint16_t c = 0; c < d->candidates; c++)
+        if (memcmp(command, d->candidate + c * d->inputs, d->inputs) == 0) return 1;
+    return 0;
+}
+
+/* An operator may do what the controller must not; from there it finds back to its own. */
+static void forbidden_by_hand(const json *file, const fsw_design *d)
+{
+    static fsw_state state;
+    const json *s = json_get(file, "steps")->first;
+    fsw_real *u = calloc(d->inputs, sizeof *u);
+    uint8_t *command = calloc(d->inputs, 1);
+    const fsw_real *x = list_fsw_real(s, "x"), *w = list_fsw_real(s, "w");
+    start(file, d, &state);
+    while (is_candidate(d, command)) {
+        uint16_t j = 0;
+        while (j < d->inputs && ++command[j] == d->level_count[j]) command[j++] = 0;
+        if (j == d->inputs) return; /* all are allowed */
+    }
+    CHECK(fsw_track(d, &state, x, w, command) == FSW_VALID, "forbidden, but done");
+    int steps = 0;
+    do {
+        const fsw_decision decision = fsw_step(d, &state, x, list_fsw_real(s, "reference"), w, u);
+        CHECK(decision.status == (decision.candidate < d->candidates ? FSW_OK : FSW_HELD), "step %d", steps);
+    } while (++steps < 10 && !is_candidate(d, fsw_issued(d, &state, 1)));
+    CHECK(steps < 10, "still forbidden");
+}
+
+static void other_periods(const json *file, const fsw_design *d)
+{
+    tracking(file, d);
+    missing(file, d);
+    fault(file, d);
+    waking(file, d);
+    saturation(file, d);
+    forbidden_by_hand(file, d);
+}
+
 /* ---- Edges, on the paper's controller: two states, one input, no disturbance ---- */
 
 static fsw_status step_status(const fsw_design *d, fsw_state *state, fsw_real x0, fsw_real x1, fsw_real *u)
@@ -254,8 +438,6 @@ static fsw_status step_status(const fsw_design *d, fsw_state *state, fsw_real x0
     const fsw_real x[] = {x0, x1}, reference[] = {1000, 0};
     return fsw_step(d, state, x, reference, NULL, u).status;
 }
-
-#define IS(u, level) (!((u) < (level)) && !((u) > (level)))
 
 static void bad_values(const fsw_design *d, fsw_state *state)
 {
@@ -388,6 +570,8 @@ static void refused_designs(const fsw_design *good, fsw_state *state)
     static const uint8_t beyond[] = {2, 2, 2, 2, 2, 2, 2, 2}, none[] = {0};
     static const uint16_t late[] = {6}, zero[] = {0};
     static const uint32_t never[] = {0, 1};
+    static const fsw_real falling[] = {0, -1}, equal[] = {1, 1}, endless[] = {0, (fsw_real)INFINITY},
+                          unknown[] = {(fsw_real)NAN, 1};
     fsw_design d = *good;
 #define REFUSED(field, value, why)                                                                                     \
     do {                                                                                                               \
@@ -414,6 +598,36 @@ static void refused_designs(const fsw_design *good, fsw_state *state)
     REFUSED(dwell, never, FSW_INCONSISTENT);
     REFUSED(measured, 1, FSW_INCONSISTENT);
     REFUSED(loads, 1, FSW_INCONSISTENT);
+    REFUSED(levels, falling, FSW_INCONSISTENT);
+    REFUSED(levels, equal, FSW_INCONSISTENT);
+    REFUSED(levels, endless, FSW_INCONSISTENT);
+    REFUSED(levels, unknown, FSW_INCONSISTENT);
+    REFUSED(half_weight, falling + 1, FSW_INCONSISTENT); /* negative */
+    REFUSED(half_weight, unknown, FSW_INCONSISTENT);
+    REFUSED(switch_cost, falling + 1, FSW_INCONSISTENT);
+    REFUSED(level_count, NULL, FSW_INCONSISTENT);
+    REFUSED(levels, NULL, FSW_INCONSISTENT);
+    REFUSED(candidate, NULL, FSW_INCONSISTENT);
+    REFUSED(safe, NULL, FSW_INCONSISTENT);
+    REFUSED(state_row, NULL, FSW_INCONSISTENT);
+    REFUSED(disturbance_row, NULL, FSW_INCONSISTENT);
+    REFUSED(offset, NULL, FSW_INCONSISTENT);
+    REFUSED(reference_row, NULL, FSW_INCONSISTENT);
+    REFUSED(half_weight, NULL, FSW_INCONSISTENT);
+    REFUSED(pending, NULL, FSW_INCONSISTENT);
+    REFUSED(pending_table, NULL, FSW_INCONSISTENT);
+    REFUSED(holds, NULL, FSW_INCONSISTENT);
+    REFUSED(hold_row, NULL, FSW_INCONSISTENT);
+    REFUSED(total_row, NULL, FSW_INCONSISTENT);
+    REFUSED(rest_disturbance, NULL, FSW_INCONSISTENT);
+    REFUSED(rest_offset, NULL, FSW_INCONSISTENT);
+    REFUSED(dwell, NULL, FSW_INCONSISTENT);
+    REFUSED(switch_cost, NULL, FSW_INCONSISTENT);
+    REFUSED(model_x, NULL, FSW_INCONSISTENT);
+    REFUSED(model_old, NULL, FSW_INCONSISTENT);
+    REFUSED(model_new, NULL, FSW_INCONSISTENT);
+    REFUSED(model_w, NULL, FSW_INCONSISTENT);
+    REFUSED(model_c, NULL, FSW_INCONSISTENT);
     CHECK(fsw_init(good, state) == FSW_VALID, "the good one");
 }
 
@@ -435,6 +649,10 @@ static void refused_estimators(const fsw_design *good, fsw_state *state)
     REFUSED(measured, FSW_MAX_OUTPUTS + 1, FSW_TOO_LARGE);
     REFUSED(loads, (uint16_t)(good->disturbances + 1), FSW_INCONSISTENT);
     REFUSED(gate_limit, 256, FSW_INCONSISTENT);
+    REFUSED(output_row, NULL, FSW_INCONSISTENT);
+    REFUSED(output_offset, NULL, FSW_INCONSISTENT);
+    REFUSED(start_row, NULL, FSW_INCONSISTENT);
+    REFUSED(start_offset, NULL, FSW_INCONSISTENT);
     CHECK(fsw_init(good, state) == FSW_VALID, "the good one");
 }
 
@@ -528,6 +746,11 @@ static void refused_horizons(const fsw_design *good, fsw_state *state)
     REFUSED_HORIZON(tail, 3, FSW_INCONSISTENT);
     REFUSED_HORIZON(tail, FSW_TAIL_REST, FSW_INCONSISTENT); /* there is no rest_reference */
     REFUSED_HORIZON(level, other, FSW_INCONSISTENT);
+    REFUSED_HORIZON(level, NULL, FSW_INCONSISTENT);
+    REFUSED_HORIZON(start_row, NULL, FSW_INCONSISTENT);
+    REFUSED_HORIZON(metric, NULL, FSW_INCONSISTENT);
+    REFUSED_HORIZON(terminal_reference, NULL, FSW_INCONSISTENT);
+    REFUSED_HORIZON(pending_table, NULL, FSW_INCONSISTENT);
     REFUSED_HORIZON(dwell, never, FSW_INCONSISTENT);
     h = *good->horizon;
     h.lead = 1;
@@ -599,7 +822,8 @@ static unsigned denormals(const fsw_real *values, size_t bytes)
     return count;
 }
 
-/* Far below everything, and with a mode that reaches the denormal numbers within the horizon, the scratch holds none. */
+/* Far below everything, and with a mode that reaches the denormal numbers within the horizon, the scratch holds none.
+ */
 static void decayed_plans(const fsw_design *good, fsw_state *state)
 {
     const fsw_real tiny = sizeof(fsw_real) == sizeof(double) ? (fsw_real)1e-285 : (fsw_real)1e-28;
@@ -664,6 +888,7 @@ int main(int count, char **arguments)
         if (d.horizon) long_horizon(file, &d, &state);
         if (d.horizon && FSW_MAX_MOVES == 0) continue;
         golden(file);
+        other_periods(file, &d);
         if (d.horizon) continue;
         if (d.gain) refused_estimators(&d, &state);
         if (d.gain && d.states == 2 && d.loads == 1 && d.measured == 1) {

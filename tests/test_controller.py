@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import foreswitch as fsw
-from foreswitch import Status
+from foreswitch import Status, prediction
 from systems import MASS, OVEN, RISE, TWO_BY_TWO, VALVE, exact_state, quiet, valve_controller
 
 # The dead time is removed exactly -------------------------------------------------------------------------------------
@@ -361,3 +361,105 @@ def test_costs_that_overflow_hold_the_command_and_say_so(real, far):
     assert controller.status == fsw.Status.HELD
     controller.step([0.0, 0.0], 100.0)
     assert controller.status == fsw.Status.OK
+
+
+# Periods in which step does not choose ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_who_is_told_each_command_stands_where_the_one_who_chose_it_does(controller):
+    chooser, follower = controller.copy(), controller.copy()
+    for x, reference in inputs(controller, 5):
+        u = chooser.step(x, reference)
+        follower.track(u, x)
+    status = slice(1, None)  # of the latest step: the follower took none
+    assert follower._core.save()[status] == chooser._core.save()[status]
+
+
+def observer(real="float64"):
+    """The pressure alone is measured."""
+    kalman = fsw.Kalman([0.0, 1e2], 1.0, load=1e-9)
+    return fsw.Controller(VALVE, [0, 1], 1e-3, fsw.Endpoint(0.020, 2500.0), estimator=kalman, min_on=0.003, real=real)
+
+
+def by_hand(commands, x):
+    """The valve's exact state after each of so many periods; five periods of dead time."""
+    model = prediction.period_model(VALVE, 1e-3)
+    line = [0.0] * 5 + list(commands)
+    for k in range(len(commands)):
+        x = model.transition @ x + model.old[0] * line[k]
+        yield x
+
+
+def test_the_estimate_stays_true_while_an_operator_commands():
+    told, untold = observer(), observer()
+    commands = [float((k // 7) % 2) for k in range(60)]
+    x = np.zeros(2)
+    for u, following in zip(commands, by_hand(commands, x), strict=True):
+        told.track([u], x[:1])
+        untold.step(x[:1], 0.0)
+        x = following
+    assert told.estimate[0][0] == pytest.approx(x[0], abs=20.0)
+    for controller in (told, untold):
+        controller.step(x[:1], x[0])
+    assert told.estimate[0] == pytest.approx(x, rel=1e-6)
+    assert untold.estimate[0] != pytest.approx(x, rel=1e-3)
+    assert told._history().ravel()[-6:-1].tolist() == commands[-5:]
+
+
+def test_missed_periods_are_those_of_the_command_in_force():
+    controller, other = observer(), observer()
+    x, commands = np.zeros(2), [1.0] * 12
+    truth = [x, *by_hand(commands, x)]
+    for k in range(4):
+        controller.track([1.0], truth[k][:1])
+        other.track([1.0], truth[k][:1])
+    controller.missed(7)
+    for _ in range(7):
+        other.track([1.0])
+    assert controller._core.save() == other._core.save()
+    controller.step(truth[11][:1], 0.0)
+    assert controller.estimate[0] == pytest.approx(truth[11], rel=1e-9)
+    assert controller.bad_samples == (0, 0)
+
+
+def test_the_safe_level_overrides_a_dwell_at_once():
+    controller = observer()
+    assert controller.step([0.0], 1e3).tolist() == [1.0]
+    assert controller.step([0.0], -1e6).tolist() == [1.0], "on for three periods at least"
+    assert controller.safe([0.0]).tolist() == [0.0]
+    assert controller.status == Status.SAFE
+    assert controller._history().ravel()[-3:].tolist() == [1.0, 1.0, 0.0]
+    assert controller.safe().tolist() == [0.0], "also without a measurement"
+    assert controller.step([0.0], 1e3).tolist() == [1.0], "no dwell at the safe level"
+
+
+def test_bad_samples_are_counted_in_a_row_and_in_total():
+    controller = observer()
+    for y, expected in ((0.0, (0, 0)), (np.nan, (1, 1)), (np.inf, (2, 2)), (0.0, (0, 2)), (np.nan, (1, 3))):
+        controller.step([y], 0.0)
+        assert controller.bad_samples == expected
+    controller.track([0.0], [np.nan])
+    assert controller.bad_samples == (2, 4)
+    controller.reset()
+    assert controller.bad_samples == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda c: c.track([0.5]), "command holds 0.5"),
+        (lambda c: c.track([0.0, 1.0]), "give one level for each of 1 input"),
+        (lambda c: c.track([0.0], [1.0, 2.0]), "x has shape"),
+        (lambda c: c.safe([1.0, 2.0]), "x has shape"),
+        (lambda c: c.missed(-1), "periods is -1"),
+        (lambda c: c.missed(70000), "reset after a longer silence"),
+        (lambda c: c.missed(1.5), "periods is 1.5"),
+    ],
+)
+def test_what_was_issued_must_be_a_level_and_periods_a_number(call, words):
+    controller = observer()
+    before = controller._core.save()
+    with pytest.raises(ValueError, match=words):
+        call(controller)
+    assert controller._core.save() == before

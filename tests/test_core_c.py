@@ -156,7 +156,7 @@ def test_the_golden_files_hold_what_they_are_for():
             assert len(finite) == 1 or finite[1] > (1 + margin) * finite[0]
 
 
-CALLS = {f"fsw_{call}" for call in "init preload dwell_left start issued decide step track missed safe".split()}
+CALLS = {f"fsw_{call}" for call in ["init", "preload", "dwell_left", "start", "issued", "decide", "step", "track", "missed", "safe"]}
 
 # Firmware -------------------------------------------------------------------------------------------------------------
 

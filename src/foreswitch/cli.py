@@ -18,10 +18,12 @@ from rich.progress import Progress
 from rich.table import Table
 
 from foreswitch._files import whole_folder, write_whole
+from foreswitch._text import nearest
 from foreswitch.compare import compare as run_compare
 from foreswitch.compare import switching_rate, total_rms
 from foreswitch.demo import hot_gas_file, run_demo
 from foreswitch.draft import draft_project
+from foreswitch.export import export_c, firmware_figures
 from foreswitch.fit import Fit
 from foreswitch.identify import identify as run_identify
 from foreswitch.objective import Horizon
@@ -274,6 +276,38 @@ def compare(
         print(f"{law} is left out: {why}")
     if out is not None:
         print(f"{out / 'report.html'}, pictures and traces beside it")
+
+
+#: What a controller can be exported as.
+EXPORTS = {"c": export_c}
+
+
+@app.command(epilog="Example: foreswitch export project.toml c build/firmware --real float32")
+def export(
+    project: ProjectFile,
+    kind: Annotated[str, typer.Argument(metavar="c", help="What to write: firmware in C99.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write to; made if missing.")],
+    real: Annotated[
+        str | None, typer.Option("--real", help='"float64" or "float32"; default what the project says.')
+    ] = None,
+    name: Annotated[str, typer.Option("--name", help="What the design is called in C.")] = "controller",
+    as_json: Json = False,
+) -> None:
+    """Write a project's controller for other machines, with the steps that were simulated to test it by."""
+    if kind not in EXPORTS:
+        raise ValueError(f"kind is {kind!r}; {nearest(kind, EXPORTS)}")
+    controller = Project.read(project).controller
+    if real is not None and real != controller.real:
+        controller = controller.replace(real=real)
+    EXPORTS[kind](controller, folder, name=name)
+    figures = firmware_figures(controller)
+    if as_json:
+        print(_json({"name": name, "real": controller.real} | figures), end="")
+        return
+    print(
+        f"{folder}: {controller.real}, {figures['state_bytes']} bytes of state, {figures['table_bytes']} of constants"
+    )
+    print(f"'make -C {folder} selftest' replays what was simulated; {folder / 'README.md'} says how to call it")
 
 
 def _title(project: Path) -> str:

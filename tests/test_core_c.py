@@ -156,7 +156,8 @@ def test_the_golden_files_hold_what_they_are_for():
             assert len(finite) == 1 or finite[1] > (1 + margin) * finite[0]
 
 
-CALLS = {f"fsw_{call}" for call in ["init", "preload", "dwell_left", "start", "issued", "decide", "step", "track", "missed", "safe"]}
+CALLS = {"fsw_init", "fsw_preload", "fsw_dwell_left", "fsw_start", "fsw_issued", "fsw_decide", "fsw_step", "fsw_track",
+         "fsw_missed", "fsw_safe"}  # fmt: skip
 
 # Firmware -------------------------------------------------------------------------------------------------------------
 

@@ -128,9 +128,8 @@ def _advance(law: Controller, x: Any, w: Any) -> Any:
 def _course(law: Controller, x: Any, length: int, part: int) -> Any:
     """References (length, evaluations, q, order) of one part: the outputs from x on under commands drawn at random."""
     plant, model = law.plant, law._model
-    ahead = np.maximum(np.round(np.broadcast_to(law.reference_times.T, (1, law.evaluations))[0] / law.Ts), 0).astype(
-        int
-    )
+    times = law.reference_times.reshape(law.evaluations, -1)  # (evaluations, 1 or q)
+    ahead = np.broadcast_to(np.maximum(np.round(times / law.Ts), 0).astype(int), (law.evaluations, plant.outputs))
     commands = law._actuator.values(law._actuator.candidates)
     rows = [plant.C @ np.linalg.matrix_power(plant.A, i) for i in range(law.order)]
     course, left, draw = [], 0, 1000 * (part + 1)
@@ -145,4 +144,4 @@ def _course(law: Controller, x: Any, length: int, part: int) -> Any:
     course.append([row @ x for row in rows])
     values = np.array(course).transpose(0, 2, 1)  # (time, q, order)
     values[..., 0] += plant.y_offset
-    return np.array([values[np.minimum(k + ahead, length + ahead.max())] for k in range(length)])
+    return np.array([values[k + ahead, np.arange(plant.outputs)] for k in range(length)])

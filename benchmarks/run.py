@@ -12,7 +12,7 @@ import time
 from importlib import import_module
 
 TIMES = ("closed_loop", "python_step", "denormals", "batch", "horizon")
-COUNTS = ("counts",)
+COUNTS = ("counts", "targets_counts")
 #: Seconds to wait before each try of a benchmark: the neighbour may have finished by then.
 TRIES = (0.0, 2.0, 10.0)
 MISSED = 3  # exit code of one benchmark; any other failure is a defect

@@ -91,7 +91,7 @@ def paper(folder: Path, target: Target) -> dict[str, float]:
 
 
 def gas_script(moves: int) -> Script:
-    """The closed loop with its kicks; steps from far away without a plan; closed loops from far away, a kick now and then."""
+    """The closed loop with its kicks; steps from far away without a plan; loops from far away, a kick now and then."""
     one, far = hot_gas(moves, [0.0, 1.0]), transients(moves, [0.0, 1.0], DISTANCES)
     model, rng = Model(one.law.plant, GAS_TS), np.random.default_rng(0)
     script = Script(one.law.replace(real="float32"))
@@ -215,7 +215,8 @@ def update() -> None:
             counts.setdefault(problem, {})[name] = {key: round(value) for key, value in found.items()}
             print(problem, name, found, flush=True)
     compilers = {name: TARGETS[name].version() for name in PROCESSORS}
-    JSON.write_text(json.dumps({"compilers": compilers, "counts": counts}, indent=2) + "\n")
+    limits = {", ".join(key): limit for key, limit in BOUNDS.items()}
+    JSON.write_text(json.dumps({"compilers": compilers, "limits": limits, "counts": counts}, indent=1) + "\n")
 
 
 if __name__ == "__main__":

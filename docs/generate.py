@@ -207,6 +207,23 @@ def record_values() -> dict[str, str]:
     }  # fmt: skip
 
 
+# Targets --------------------------------------------------------------------------------------------------------------
+
+
+def target_rows() -> Iterator[list[str]]:
+    """What benchmarks/targets_counts.py counted, a limit behind a slash."""
+    found = json.loads((ROOT / "benchmarks" / "targets_counts.json").read_text())
+    limits = {tuple(key.split(", ")): limit for key, limit in found["limits"].items()}
+    for problem, processors in found["counts"].items():
+        for name, counts in processors.items():
+            cells = []
+            for key in ("mean", "usable", "worst", "stack", "state", "memory", "flash"):
+                limit = limits.get((problem, name, key))
+                cells.append(f"{counts[key]}" + (f" / {limit}" if limit else "") if key in counts else "")
+            typical = cells[0] or cells[1]
+            yield [problem, name, typical, *cells[2:]]
+
+
 # Single precision ----------------------------------------------------------------------------------------------------
 
 
@@ -524,6 +541,8 @@ def build(folder: Path) -> None:
     (folder / "structures.md").write_text(markdown_table(heads, structure_rows()))
     heads = ["record", "fitted [s]", "range of the rest", "chosen", "`identify` [K]", "plain [K]", "ARX [K]"]
     (folder / "real_records.md").write_text(markdown_table(heads, record_rows()))
+    heads = ["controller", "processor", "typical step", "dearest step", "stack", "state", "memory", "flash"]
+    (folder / "targets.md").write_text(markdown_table(heads, target_rows()))
     heads = ["measured", "gain -20 %", "gain as modelled", "gain +20 %"]
     (folder / "leak.md").write_text(markdown_table(heads, figures.leak_rows()))
     heads = ["example", "decisions", "differ", "largest gap", "commands differ in closed loop", "rms error, float64",

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -55,6 +56,19 @@ def agree(script, image):
     assert not (difference := script.differences(result.output)), difference
 
 
+@pytest.mark.parametrize(("required", "code"), [("", 0), ("1", 1)])
+def test_a_machine_without_the_tools_is_told_what_was_not_run(required, code, tmp_path):
+    """The last line names it; where targets are required, the run fails instead."""
+    command = [sys.executable, "-m", "pytest", __file__, "-k", "not_fused or on_a_fault", "-p", "no:xdist", "-p",
+               "no:cacheprovider"]  # fmt: skip
+    environment = os.environ | {"PATH": str(tmp_path), "FORESWITCH_REQUIRE_TARGETS": required}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=HERE.parent)
+    assert done.returncode == code, done.stdout
+    line = "cortex-m4f lacks arm-none-eabi-gcc, arm-none-eabi-gcc:newlib.h, qemu-system-arm, gcc"
+    assert line in done.stdout
+    assert (f"not run on this machine: {line}; proof lacks frama-c\n" in done.stdout) == (not required)
+
+
 # Closed loops ---------------------------------------------------------------------------------------------------------
 
 long_runs = cache(long_run)
@@ -63,7 +77,7 @@ long_runs = cache(long_run)
 @pytest.mark.parametrize("name", CONTROLLERS)
 @on(*LARGE)
 def test_commands_and_states_are_pythons_bit_by_bit(target, real, name, tmp_path):
-    """10000 periods, 2000 on AVR, with estimator, dwell, gate, every kind of bad sample, and restarts."""
+    """10000 periods, 2000 on AVR: estimator, dwell, gate, every kind of bad sample, commands by hand, restarts."""
     script = long_runs(name, real, 2000 if "avr" in target.compiler else 10000)
     assert set(script.status) == {0, 1, 2, 3}
     assert len({tuple(u) for u in script.u}) >= 3
@@ -77,12 +91,25 @@ def test_the_small_controller_does_so_with_2_kilobytes_of_memory(target, real, t
 
 
 @on("cortex-m4f")
-def test_a_fused_multiply_add_would_be_noticed(target, real, tmp_path):
-    """What -ffp-contract=off is for; in double precision this processor has nothing to fuse."""
+def test_products_are_not_fused_even_by_a_compiler_that_may(target, real, tmp_path):
+    """This processor could in single precision; nobody compiles an export with our flags for sure."""
     script = long_runs("endpoint", real, 2000)
-    image = program(tmp_path, script.law, target, "-ffp-contract=fast")
-    difference = script.differences(image.run(script.data).output)
-    assert bool(difference) == (real == "float32")
+    agree(script, program(tmp_path, script.law, target, "-ffp-contract=fast"))
+
+
+@pytest.mark.parametrize("bit", [0, 7])
+@on("cortex-m4f")
+def test_one_bit_of_one_sample_is_noticed(target, real, bit, tmp_path):
+    """Of the first value measured in the last period that uses its sample, here the lowest bits of the fraction."""
+    script = Script(long_runs("endpoint", real, 2000).law)
+    for pressure in (10.0, 11.0, 12.0):
+        script.step([pressure], np.full((1, 1, script.law.order), 20.0))
+    data = bytearray(script.data)
+    size = np.dtype(real).itemsize
+    data[-1 - size * (1 + script.law.order)] ^= 1 << bit
+    image = program(tmp_path, script.law, target)
+    assert not script.differences(image.run(script.data).output)
+    assert script.differences(image.run(bytes(data)).output).startswith(f"operation {len(script.answers) - 1} of")
 
 
 # Golden vectors -------------------------------------------------------------------------------------------------------
@@ -147,7 +174,7 @@ def test_no_step_takes_more_stack_than_the_frames_of_its_calls(target, real, nam
     bound, chain = deepest(image, "fsw_step")
     assert len(result.calls) == len(script.u)
     assert max(result.stack) <= bound, chain
-    assert max(result.stack) >= 0.7 * bound, chain
+    assert max(result.stack) >= 0.9 * bound, chain
 
 
 # Proof and rules ------------------------------------------------------------------------------------------------------
@@ -160,10 +187,10 @@ SEEDED = {
 
 
 def proven(folder):
-    """Alarms and assertions left open that frama-c's Eva finds in the exported core, and whether it followed a step."""
+    """Alarms of frama-c's Eva in the exported core, and assertions left open."""
     require("proof", [tool for tool in ("frama-c",) if not there(tool)])
     command = ["frama-c", f"-cpp-extra-args=-I{folder}", "-machdep", "gcc_x86_64", "-warn-special-float", "none", "-eva",
-               "-eva-precision", "6", "-main", "main", str(TARGET_FILES / "proof.c"), str(folder / "foreswitch.c")]  # fmt: skip
+               "-eva-precision", "6", "-main", "main", *map(str, (TARGET_FILES / "proof.c", folder / "foreswitch.c"))]  # fmt: skip
     text = spoken(command)
     alarms = int(re.search(r"(\d+) alarms? generated", text)[1])
     valid, unknown, invalid = map(
@@ -175,7 +202,7 @@ def proven(folder):
 
 @pytest.mark.parametrize("name", ["paper", "endpoint"])
 def test_no_call_can_go_wrong_whatever_it_is_told(name, tmp_path):
-    """Any bits for numbers, any state that calls before may have left: no invalid access, no overflow, indices in range."""
+    """Any bits for numbers, any state that earlier calls may have left: no invalid access, no index out of range."""
     assert proven(exported(tmp_path / "exported", EXPORTED[name]("float32"))) == (0, 0)
 
 

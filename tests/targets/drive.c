@@ -3,7 +3,7 @@
 #include "foreswitch_design.h"
 #include "port.h"
 
-enum { END, STEP, DECIDE_AND_STEP, PRELOAD, START, INIT };
+enum { END, STEP, DECIDE_AND_STEP, PRELOAD, START, INIT, TRACK, MISSED, SAFE };
 
 /* ---- Checksum: CRC-32 as zlib has it, of values and not of padding ---- */
 
@@ -94,6 +94,38 @@ static uint8_t start(const fsw_design *d)
     return (uint8_t)fsw_start(d, &state, x, w);
 }
 
+/* What a period without a choice measures; null: nothing. */
+static const fsw_real *measured(const fsw_design *d)
+{
+    uint8_t given;
+    port_read(&given, 1);
+    if (!given) return 0;
+    read_reals(x, d->measured);
+    read_reals(w, (unsigned)(d->disturbances - d->loads));
+    return x;
+}
+
+static uint8_t track(const fsw_design *d)
+{
+    uint8_t command[FSW_MAX_INPUTS];
+    const fsw_real *now = measured(d);
+    port_read(command, d->inputs);
+    return (uint8_t)fsw_track(d, &state, now, w, command);
+}
+
+static void missed(const fsw_design *d)
+{
+    uint16_t periods;
+    port_read(&periods, sizeof periods);
+    fsw_missed(d, &state, periods);
+}
+
+static void safe(const fsw_design *d)
+{
+    fsw_safe(d, &state, measured(d), w, u);
+    write_reals(u, d->inputs);
+}
+
 int main(void)
 {
     const fsw_design *d = &controller;
@@ -117,6 +149,15 @@ int main(void)
             break;
         case INIT:
             validity = (uint8_t)fsw_init(d, &state);
+            break;
+        case TRACK:
+            validity = track(d);
+            break;
+        case MISSED:
+            missed(d);
+            break;
+        case SAFE:
+            safe(d);
             break;
         default:
             return 1;

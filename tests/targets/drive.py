@@ -4,6 +4,7 @@ import struct
 import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from targets.harness import HERE, Image, Target
 #: In the order of the binding.
 SIZES = ["states", "inputs", "outputs", "disturbances", "order", "rows", "candidates", "bad_limit", "measured", "loads",
          "gate_limit"]  # fmt: skip
-END, STEP, DECIDE_AND_STEP, PRELOAD, START, INIT = range(6)
+END, STEP, DECIDE_AND_STEP, PRELOAD, START, INIT, TRACK, MISSED, SAFE = range(9)
 
 
 def law_sizes(law: Controller) -> dict[str, int]:
@@ -103,6 +104,35 @@ class Script:
         head = np.array(looked, dtype=self.real).tobytes() + struct.pack("<BHI", status, candidate, nodes)
         self.answer(head + np.array([cost, gap, *u], dtype=self.real).tobytes())
         return u
+
+    def track(self, command: np.ndarray, x: Sequence[float] | None, w: Sequence[float] = ()) -> None:
+        """A period in which somebody else chose: level indices; x None: nothing was measured."""
+        indices = np.array(command, dtype=np.uint8)
+        self.core.track(*self.measured(TRACK, x, w), indices)
+        self.stream += indices.tobytes()
+        self.answer(bytes([0]))
+
+    def missed(self, periods: int) -> None:
+        """Periods without a call."""
+        self.stream += bytes([MISSED]) + struct.pack("<H", periods)
+        self.core.missed(periods)
+        self.answer(bytes([0]))
+
+    def safe(self, x: Sequence[float] | None, w: Sequence[float] = ()) -> None:
+        """A period at the safe levels."""
+        self.core.safe(*self.measured(SAFE, x, w))
+        levels = [values[i] for values, i in zip(self.law.levels, self.law._safe, strict=True)]
+        self.answer(np.array(levels, dtype=self.real).tobytes() + bytes([0]))
+
+    def measured(self, operation: int, x: Sequence[float] | None, w: Sequence[float]) -> tuple[Any, Any]:
+        """The sample of a period without a choice, told and as the core takes it."""
+        self.stream += bytes([operation, x is not None])
+        if x is None:
+            return None, None
+        given = np.array(x, dtype=float), np.array(w, dtype=float)
+        with np.errstate(over="ignore"):
+            self.stream += b"".join(values.astype(self.real).tobytes() for values in given)
+        return given
 
     def answer(self, values: bytes) -> None:
         """What the operation gives, and the checksum of the state after it."""

@@ -72,8 +72,8 @@ class Truth:
 
 
 def long_run(name: str, real: str, steps: int, seed: int = 0) -> Script:
-    """So many steps of a closed loop: single and lasting bad samples, outliers, tiny values, far references, restarts in the
-    middle of a dwell, and a dwell counter that begins near 2^32."""
+    """So many steps of a closed loop: single and lasting bad samples, outliers, tiny values, far references, commands by
+    hand, missed periods, the safe level, restarts in the middle of a dwell, and a dwell counter that begins near 2^32."""
     make, size = CONTROLLERS[name]
     law, rng = make(real), np.random.default_rng(seed)
     script, truth = Script(law), Truth(law)
@@ -112,8 +112,21 @@ def long_run(name: str, real: str, steps: int, seed: int = 0) -> Script:
             told[rng.integers(p)] = rng.choice(BAD)
         elif kind == 4:
             y[:] = -0.0
-        u = script.step(y, reference, told, look=k % 25 == 0)
+        if k % 400 in range(300, 306):  # by hand, now and then without a measurement
+            commands = law._actuator.candidates.reshape(-1, law.plant.inputs)
+            command = commands[rng.integers(len(commands))]
+            script.track(command, None if k % 5 == 0 else y, told)
+            u = np.array([levels[i] for levels, i in zip(law.levels, command, strict=True)])
+        elif k % 400 == 350:
+            script.safe(y, told)
+            u = np.array([levels[i] for levels, i in zip(law.levels, law._safe, strict=True)])
+        else:
+            u = script.step(y, reference, told, look=k % 25 == 0)
         truth.advance(u, w)
+        if k % 400 == 370:
+            script.missed(3)
+            for _ in range(3):
+                truth.advance(u, w)
         if np.abs(truth.x).max() > 1e3 * size:
             truth.x[:] = 0.0
     return script

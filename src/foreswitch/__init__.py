@@ -6,6 +6,7 @@ from foreswitch.controller import Controller, Decision, Status
 from foreswitch.estimator import Kalman
 from foreswitch.experiment import PulseTest, propose_test
 from foreswitch.export import export_c
+from foreswitch.export_fmu import export_fmu
 from foreswitch.fit import Candidate, Fit
 from foreswitch.hardware import Hardware, Stuck
 from foreswitch.identify import identify
@@ -47,6 +48,7 @@ __all__ = [
     "baselines",
     "compare_precision",
     "export_c",
+    "export_fmu",
     "identify",
     "propose_test",
     "simulate",

@@ -56,11 +56,7 @@ def export_c(controller: Controller, folder: str | Path, *, name: str = "control
     >>> sorted(path.name for path in folder.iterdir() if path.suffix in (".c", ".h"))
     ['example.c', 'foreswitch.c', 'foreswitch.h', 'foreswitch_design.h', 'selftest.c']
     """
-    if not isinstance(controller, Controller):
-        raise ValueError(f"controller is a {type(controller).__name__}; give a Controller, baselines have no firmware")
-    taken = name in TAKEN.split() or name.startswith("fsw_")
-    if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name) or taken:
-        raise ValueError(f"name is {name!r}; give a C identifier that is no keyword and does not begin with fsw_")
+    check_export(controller, name)
     design = Design.of(controller)
     golden = golden_steps(controller)
     words = _words(controller, design, golden, name)
@@ -77,8 +73,22 @@ def export_c(controller: Controller, folder: str | Path, *, name: str = "control
         _write(sketch, own.joinpath("firmware", "sketch.ino").read_text(encoding="utf-8"), words)
 
 
+def check_export(controller: Controller, name: str) -> None:
+    """Whether there is something to export, under a name that C allows."""
+    if not isinstance(controller, Controller):
+        raise ValueError(f"controller is a {type(controller).__name__}; give a Controller, baselines have no firmware")
+    taken = name in TAKEN.split() or name.startswith("fsw_")
+    if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name) or taken:
+        raise ValueError(f"name is {name!r}; give a C identifier that is no keyword and does not begin with fsw_")
+
+
+def filled(template: str, words: dict[str, str]) -> str:
+    """A template with its @words@."""
+    return re.sub(r"@(\w+)@", lambda hit: words[hit[1]], template)
+
+
 def _write(path: Path, template: str, words: dict[str, str]) -> None:
-    path.write_text(re.sub(r"@(\w+)@", lambda hit: words[hit[1]], template), encoding="utf-8", newline="\n")
+    path.write_text(filled(template, words), encoding="utf-8", newline="\n")
 
 
 # Figures --------------------------------------------------------------------------------------------------------------
@@ -187,7 +197,7 @@ def _words(controller: Controller, design: Design, golden: Golden, name: str) ->
         work += ", then the search: a few dozen for each node"
     return {
         "name": name,
-        "title": f"{name}: {_one_line(outputs)} by {_one_line(', '.join(plant.input_names))}, every {controller.Ts:g} s",
+        "title": headline(controller, name),
         "version": version("foreswitch"),
         "limits": design.limits_text(name),
         "tables": design.tables_text(name),
@@ -215,6 +225,12 @@ def _words(controller: Controller, design: Design, golden: Golden, name: str) ->
         "work": work,
         "recorded_nodes": f"at most {golden.nodes.max()} {'nodes' if horizon else 'candidates'} evaluated",
     }
+
+
+def headline(controller: Controller, name: str) -> str:
+    """What is controlled by what, for a comment in C."""
+    outputs, inputs = (", ".join(names) for names in (controller.plant.output_names, controller.plant.input_names))
+    return f"{name}: {_one_line(outputs)} by {_one_line(inputs)}, every {controller.Ts:g} s"
 
 
 def _one_line(text: str) -> str:

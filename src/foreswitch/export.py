@@ -219,8 +219,8 @@ def _words(controller: Controller, design: Design, golden: Golden, name: str) ->
         "what_is_wanted": outputs,
         "what_is_commanded": ", ".join(plant.input_names),
         "shapes": _shapes(controller, design),
-        "state_32": str(figures["state_bytes"]),
-        "state_8": str(figures["state_bytes_avr"]) if controller.real == "float32" else "not for",
+        "state": f"{figures['state_bytes']} bytes"
+        + (f", {figures['state_bytes_avr']} on an AVR" if controller.real == "float32" else "; an AVR needs float32"),
         "table_bytes": str(figures["table_bytes"]),
         "work": work,
         "recorded_nodes": f"at most {golden.nodes.max()} {'nodes' if horizon else 'candidates'} evaluated",
@@ -243,15 +243,21 @@ def _row(golden: Golden, k: int) -> str:
     return f"    {{{', '.join(values)}, {number(golden.status[k])}, {number(golden.cost[k])}}}"
 
 
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" + "s" * (number != 1)
+
+
 def _shapes(controller: Controller, design: Design) -> str:
     """What goes in and what comes out, in words."""
     plant, s = controller.plant, design.sizes
     what = ", ".join(plant.output_names) if controller.estimator else f"the {plant.states} states of the model"
-    offsets = ", ".join(f"{1e3 * t:g}" for t in sorted({*controller.reference_times.ravel().tolist()})[:3])
+    times = [f"{1e3 * t:.4g}" for t in dict.fromkeys(controller.reference_times.ravel().tolist())]
+    when = "now" if times == ["0"] else ", ".join(times if len(times) < 5 else [*times[:2], "...", times[-1]]) + " ms ahead"
+    each = _count(s["order"] - 1, "derivative")
     lines = [
         f"- `x[{s['measured']}]`: {what}, measured now.",
-        f"- `reference`: {controller.evaluations} instant(s), each with {plant.outputs} output(s) and their "
-        f"{s['order'] - 1} derivative(s), wanted {offsets}{' ...' if controller.evaluations > 3 else ''} ms from now.",
+        f"- `reference`, [instant][output][derivative]: {_count(controller.evaluations, 'instant')} ({when}), "
+        f"{_count(plant.outputs, 'output')}, the value{f' and {each}' if s['order'] > 1 else ''} of each.",
         f"- `w[{plant.disturbances}]`: measured disturbances." if plant.disturbances else "- `w`: unused, may be null.",
     ]
     for input_name, levels in zip(plant.input_names, design.levels, strict=True):

@@ -43,9 +43,10 @@ DISTANCES = [side * pulses for pulses in (3.0, 5.0, 8.0, 12.0, 20.0, 40.0, 60.0)
 BOUNDS = {
     (PAPER, "atmega328p", "worst"): 3200,
     (PAPER, "atmega328p", "state"): 96,
-    (PAPER, "cortex-m4f", "worst"): 200,
+    (PAPER, "cortex-m4f", "usable"): 200,
     (PAPER, "cortex-m4f", "flash"): 2048,
     ("hot gas N=10", "cortex-m4f", "worst"): 40000,
+    ("hot gas N=10, from far away", "cortex-m4f", "worst"): 40000,
 }
 #: Another machine's linear algebra may round the tables differently, and the data-dependent counts follow.
 SLACK = {"mean": 0.02, "worst": 0.02}
@@ -111,11 +112,14 @@ def gas_script(moves: int) -> Script:
     return script
 
 
-def gas(folder: Path, target: Target, moves: int) -> dict[str, float]:
+def gas(folder: Path, target: Target, moves: int) -> tuple[dict[str, float], dict[str, float]]:
+    """The kicked loop, whose steps DAQP is given too, and all that begins far away."""
     script = gas_script(moves)
     image = program(folder, script.law, target)
     calls = counting(image)(script)
-    return {"mean": sum(calls) / len(calls), "worst": max(calls)} | static(folder, image, script.law)
+    loop = len(hot_gas(moves, [0.0, 1.0]).x)
+    near, far = ({"mean": sum(some) / len(some), "worst": max(some)} for some in (calls[:loop], calls[loop:]))
+    return near | static(folder, image, script.law), far
 
 
 # The opponent ---------------------------------------------------------------------------------------------------------
@@ -168,7 +172,9 @@ def measured(folder: Path) -> Iterator[tuple[str, str, dict[str, float]]]:
         yield PAPER, name, paper(here, target)
         for moves in MOVES if name == "cortex-m4f" else ():
             (here := folder / f"{name}-{moves}").mkdir()
-            yield f"hot gas N={moves}", name, gas(here, target, moves)
+            near, far = gas(here, target, moves)
+            yield f"hot gas N={moves}", name, near
+            yield f"hot gas N={moves}, from far away", name, far
     if not TARGETS["cortex-m4f"].missing() and (sources := daqp_sources(folder)):
         for moves in MOVES:
             found = [daqp(folder / f"daqp-{moves}-{encoding}", TARGETS["cortex-m4f"], sources, moves, encoding)
@@ -176,7 +182,7 @@ def measured(folder: Path) -> Iterator[tuple[str, str, dict[str, float]]]:
             yield f"DAQP, hot gas N={moves}", "cortex-m4f", min(found, key=lambda one: one["mean"])
 
 
-def near(key: str, found: float, expected: float) -> bool:
+def alike(key: str, found: float, expected: float) -> bool:
     return abs(found - expected) <= SLACK.get(key, 0.0) * expected
 
 
@@ -198,7 +204,7 @@ def rows() -> Iterator[Row]:
             for key, found in counts.items():
                 limit = BOUNDS.get((problem, name, key))
                 before = expected.get(key)
-                same = not comparable or (before is not None and near(key, found, before))
+                same = not comparable or (before is not None and alike(key, found, before))
                 yield Row(
                     f"{problem} on {name}, {key}", f"{found:.0f}", "" if before is None else f"{before:.0f}",
                     "as expected" if same else "run targets_counts.py --update", f"<= {limit}" if limit else "",
@@ -215,7 +221,7 @@ def update() -> None:
             counts.setdefault(problem, {})[name] = {key: round(value) for key, value in found.items()}
             print(problem, name, found, flush=True)
     compilers = {name: TARGETS[name].version() for name in PROCESSORS}
-    limits = {", ".join(key): limit for key, limit in BOUNDS.items()}
+    limits = {"; ".join(key): limit for key, limit in BOUNDS.items()}
     JSON.write_text(json.dumps({"compilers": compilers, "limits": limits, "counts": counts}, indent=1) + "\n")
 
 

@@ -213,15 +213,14 @@ def record_values() -> dict[str, str]:
 def target_rows() -> Iterator[list[str]]:
     """What benchmarks/targets_counts.py counted, a limit behind a slash."""
     found = json.loads((ROOT / "benchmarks" / "targets_counts.json").read_text())
-    limits = {tuple(key.split(", ")): limit for key, limit in found["limits"].items()}
+    limits = {tuple(key.split("; ")): limit for key, limit in found["limits"].items()}
     for problem, processors in found["counts"].items():
         for name, counts in processors.items():
             cells = []
             for key in ("mean", "usable", "worst", "stack", "state", "memory", "flash"):
                 limit = limits.get((problem, name, key))
                 cells.append(f"{counts[key]}" + (f" / {limit}" if limit else "") if key in counts else "")
-            typical = cells[0] or cells[1]
-            yield [problem, name, typical, *cells[2:]]
+            yield [problem, name, cells[0] or cells[1], *cells[2:]]
 
 
 # Single precision ----------------------------------------------------------------------------------------------------

@@ -189,8 +189,9 @@ SEEDED = {
 def proven(folder):
     """Alarms of frama-c's Eva in the exported core, and assertions left open."""
     require("proof", [tool for tool in ("frama-c",) if not there(tool)])
+    sources = [str(TARGET_FILES / "proof.c"), str(folder / "foreswitch.c")]
     command = ["frama-c", f"-cpp-extra-args=-I{folder}", "-machdep", "gcc_x86_64", "-warn-special-float", "none", "-eva",
-               "-eva-precision", "6", "-main", "main", *map(str, (TARGET_FILES / "proof.c", folder / "foreswitch.c"))]  # fmt: skip
+               "-eva-precision", "6", "-main", "main", *sources]  # fmt: skip
     text = spoken(command)
     alarms = int(re.search(r"(\d+) alarms? generated", text)[1])
     valid, unknown, invalid = map(

@@ -20,7 +20,7 @@ def frames(image: Image) -> dict[str, int]:
         for line in file.read_text().splitlines():
             place, size, kind = line.split("\t")
             assert "static" in kind, f"{place} takes stack without a bound"
-            name = place.rpartition(":")[2]
+            name = re.sub(r"\.\d+", "", place.rpartition(":")[2])  # which copy of a function it is, it seldom tells
             found[name] = max(found.get(name, 0), int(size))
     return found
 
@@ -52,7 +52,7 @@ def deepest(image: Image, name: str) -> tuple[int, list[str]]:
         if name not in done:
             text = code[name]
             assert path == () or not INDIRECT.search(text.replace("bx\tlr", "")), f"{name} calls through a pointer"
-            plain = re.sub(r"\.\d+", "", name)  # .su files leave out the numbers of copies
+            plain = re.sub(r"\.\d+", "", name)
             assert plain in known or "." not in plain, f"{name} is in no .su file"
             own = known.get(plain, pushed(text) + address)
             called = {other for other in CALL.findall(text) if other != name and other in code}

@@ -40,8 +40,10 @@ typedef uint_fast16_t natural;
 #include "foreswitch_design.h"
 #define KNOWN(design) ((void)(design), &FSW_DESIGN)
 #if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC optimize("peel-loops", "no-tree-loop-distribute-patterns",                                                 \
-                     "fp-contract=off") /* loops are short and of known length; no flag may be passed */
+#pragma GCC optimize("fp-contract=off", "no-tree-loop-distribute-patterns") /* where nobody can pass a flag */
+#if FSW_MAX_INPUTS == 1 && FSW_MAX_OUTPUTS == 1
+#pragma GCC optimize("peel-loops") /* they are short, and of known length */
+#endif
 #endif
 #else
 #define KNOWN(design) (design)

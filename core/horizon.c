@@ -26,7 +26,10 @@ typedef uint_fast16_t natural;
 #define STEPS(h) FSW_MAX_STEPS
 #define COPIES 0
 #if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC optimize("peel-loops", "no-tree-loop-distribute-patterns", "fp-contract=off") /* as in foreswitch.c */
+#pragma GCC optimize("fp-contract=off", "no-tree-loop-distribute-patterns") /* as in foreswitch.c */
+#if FSW_MAX_INPUTS == 1 && FSW_HORIZON_STATES <= 3
+#pragma GCC optimize("peel-loops")
+#endif
 #endif
 #else
 #define STATES(h) (h)->states

@@ -24,6 +24,7 @@ from foreswitch.compare import switching_rate, total_rms
 from foreswitch.demo import hot_gas_file, run_demo
 from foreswitch.draft import draft_project
 from foreswitch.export import export_c, firmware_figures
+from foreswitch.export_fmu import export_fmu
 from foreswitch.fit import Fit
 from foreswitch.identify import identify as run_identify
 from foreswitch.objective import Horizon
@@ -278,36 +279,50 @@ def compare(
         print(f"{out / 'report.html'}, pictures and traces beside it")
 
 
-#: What a controller can be exported as.
-EXPORTS = {"c": export_c}
-
-
-@app.command(epilog="Example: foreswitch export project.toml c build/firmware --real float32")
+@app.command(
+    epilog="Example: foreswitch export project.toml c build/firmware --real float32, "
+    "or foreswitch export project.toml fmu build/controller.fmu"
+)
 def export(
     project: ProjectFile,
-    kind: Annotated[str, typer.Argument(metavar="c", help="What to write: firmware in C99.")],
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write to; made if missing.")],
+    kind: Annotated[
+        str, typer.Argument(metavar="c|fmu", help="What to write: firmware in C99, or an FMU for co-simulation.")
+    ],
+    path: Annotated[
+        Path, typer.Argument(metavar="DIR|FILE.fmu", help="Folder of the firmware, or the FMU; made if missing.")
+    ],
     real: Annotated[
         str | None, typer.Option("--real", help='"float64" or "float32"; default what the project says.')
     ] = None,
-    name: Annotated[str, typer.Option("--name", help="What the design is called in C.")] = "controller",
+    name: Annotated[str, typer.Option("--name", help="What the design is called in C, or the model.")] = "controller",
+    source_only: Annotated[
+        bool, typer.Option("--source-only", help="An FMU without a binary for this machine.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
-    """Write a project's controller for other machines, with the steps that were simulated to test it by."""
-    if kind not in EXPORTS:
-        raise ValueError(f"kind is {kind!r}; {nearest(kind, EXPORTS)}")
+    """Write a project's controller for other machines and tools, to the bit what was simulated."""
+    if kind not in ("c", "fmu"):
+        raise ValueError(f"kind is {kind!r}; {nearest(kind, ('c', 'fmu'))}")
+    if kind == "c" and source_only:
+        raise ValueError("--source-only is for an FMU; leave it out, firmware is sources anyway")
     controller = Project.read(project).controller
     if real is not None and real != controller.real:
         controller = controller.replace(real=real)
-    EXPORTS[kind](controller, folder, name=name)
+    if kind == "c":
+        export_c(controller, path, name=name)
+    else:
+        export_fmu(controller, path, name=name, binary=not source_only)
     figures = firmware_figures(controller)
     if as_json:
         print(_json({"name": name, "real": controller.real} | figures), end="")
         return
-    print(
-        f"{folder}: {controller.real}, {figures['state_bytes']} bytes of state, {figures['table_bytes']} of constants"
-    )
-    print(f"'make -C {folder} selftest' replays what was simulated; {folder / 'README.md'} says how to call it")
+    sizes = f"{controller.real}, {figures['state_bytes']} bytes of state, {figures['table_bytes']} of constants"
+    if kind == "c":
+        print(f"{path}: {sizes}")
+        print(f"'make -C {path} selftest' replays what was simulated; {path / 'README.md'} says how to call it")
+    else:
+        print(f"{path}: FMI 2.0 for co-simulation, {'sources only' if source_only else 'binary and sources'}, {sizes}")
+        print(f"Step it every {controller.Ts:g} s, before the plant")
 
 
 def _title(project: Path) -> str:

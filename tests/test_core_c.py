@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core import fuzz
 from vectors import make
 
 ROOT = Path(__file__).parent.parent
@@ -158,6 +159,47 @@ def test_the_golden_files_hold_what_they_are_for():
 
 CALLS = {"fsw_init", "fsw_preload", "fsw_dwell_left", "fsw_start", "fsw_issued", "fsw_decide", "fsw_step", "fsw_track",
          "fsw_missed", "fsw_safe"}  # fmt: skip
+
+# Any bytes ------------------------------------------------------------------------------------------------------------
+
+
+def replayed(folder, real, core=CORE):
+    """Exit code and words of a replay of what the fuzzer once found worth keeping."""
+    target = folder / "fuzz"
+    given = [*fuzz.arguments(real, core), "-DREPLAY", "-o", target]
+    if not compiled(*fuzz.SANITIZERS, *given)[0]:
+        pytest.skip("needs the address and undefined-behaviour sanitizers")
+    environment = os.environ | {"ASAN_OPTIONS": "detect_leaks=0"}
+    with fuzz.CORPUS.open() as corpus:
+        done = subprocess.run([target], stdin=corpus, capture_output=True, text=True, env=environment)
+    return done.returncode, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("real", REALS)
+def test_any_bytes_are_refused_or_run_clean(tmp_path, real):
+    """The corpus of tests/core/fuzz.py; that script looks for more."""
+    code, said = replayed(tmp_path, real)
+    assert code == 0, said
+    assert said == f"{len(fuzz.CORPUS.read_text().split())} replayed\n"
+
+
+HOLES = {
+    "a dead time beyond the line": ("d->pending[j] >= d->rows || ", ""),
+    "a level that is none": ("if (*command++ >= d->level_count[j]) return 0;", "command++;"),
+    "a missing table": ("!d->model_x ||", ""),
+    "more moves than there is room for": ("h->moves > FSW_MAX_MOVES || ", ""),
+}
+
+
+@pytest.mark.parametrize("hole", HOLES)
+def test_the_bytes_find_a_check_that_is_left_out(tmp_path, hole):
+    for path in (*SOURCES, CORE / "foreswitch.h", CORE / "horizon.h"):
+        shutil.copy(path, tmp_path)
+    source = tmp_path / "foreswitch.c"
+    assert HOLES[hole][0] in source.read_text()
+    source.write_text(source.read_text().replace(*HOLES[hole]))
+    assert replayed(tmp_path, "float64", tmp_path)[0] != 0
+
 
 # Firmware -------------------------------------------------------------------------------------------------------------
 

@@ -1,6 +1,6 @@
 /* Any bytes as a design and as what happens to it: either fsw_init refuses, or everything after runs clean and commands
  * stay levels that respect dwell. Arrays are exactly as long as the sizes say, so that a sanitizer sees the first entry
- * too many. With libFuzzer, or with -DREPLAY a main that takes files. Host only. */
+ * too many. With libFuzzer, or with -DREPLAY a main that replays known inputs; fuzz.py drives both. Host only. */
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -387,17 +387,26 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count)
 }
 
 #ifdef REPLAY
-int main(int count, char **files)
+/* Inputs as lines of hexadecimal digits, from stdin. */
+int main(void)
 {
     static uint8_t bytes[1 << 16];
-    for (int i = 1; i < count; i++) {
-        FILE *file = fopen(files[i], "rb");
-        if (!file) return 2;
-        const size_t length = fread(bytes, 1, sizeof bytes, file);
-        fclose(file);
-        (void)LLVMFuzzerTestOneInput(bytes, length);
+    size_t length = 0;
+    unsigned replayed = 0, digits = 0, value_read = 0;
+    for (int c = getchar(); c != EOF; c = getchar()) {
+        if (c == '\n') {
+            (void)LLVMFuzzerTestOneInput(bytes, length);
+            replayed++;
+            length = digits = value_read = 0;
+            continue;
+        }
+        value_read = value_read * 16 + (unsigned)(c <= '9' ? c - '0' : c - 'a' + 10);
+        if (++digits % 2 == 0 && length < sizeof bytes) {
+            bytes[length++] = (uint8_t)value_read;
+            value_read = 0;
+        }
     }
-    printf("%d replayed\n", count - 1);
-    return count < 2;
+    printf("%u replayed\n", replayed);
+    return replayed == 0;
 }
 #endif

@@ -36,7 +36,7 @@ ORDER = [
     {"loop", "fit"},
     {"batch", "baselines", "precision", "experiment", "identify", "design_header", "golden"},
     {"project", "export"},
-    {"report", "draft", "export_fmu"},
+    {"report", "draft", "fmu"},
     {"compare", "demo"},
     {"cli"},
 ]

@@ -6,8 +6,8 @@ from foreswitch.controller import Controller, Decision, Status
 from foreswitch.estimator import Kalman
 from foreswitch.experiment import PulseTest, propose_test
 from foreswitch.export import export_c
-from foreswitch.export_fmu import export_fmu
 from foreswitch.fit import Candidate, Fit
+from foreswitch.fmu import export_fmu
 from foreswitch.hardware import Hardware, Stuck
 from foreswitch.identify import identify
 from foreswitch.loop import simulate

@@ -24,8 +24,8 @@ from foreswitch.compare import switching_rate, total_rms
 from foreswitch.demo import hot_gas_file, run_demo
 from foreswitch.draft import draft_project
 from foreswitch.export import export_c, firmware_figures
-from foreswitch.export_fmu import export_fmu
 from foreswitch.fit import Fit
+from foreswitch.fmu import export_fmu
 from foreswitch.identify import identify as run_identify
 from foreswitch.objective import Horizon
 from foreswitch.project import Project

@@ -252,7 +252,11 @@ def _shapes(controller: Controller, design: Design) -> str:
     plant, s = controller.plant, design.sizes
     what = ", ".join(plant.output_names) if controller.estimator else f"the {plant.states} states of the model"
     times = [f"{1e3 * t:.4g}" for t in dict.fromkeys(controller.reference_times.ravel().tolist())]
-    when = "now" if times == ["0"] else ", ".join(times if len(times) < 5 else [*times[:2], "...", times[-1]]) + " ms ahead"
+    when = (
+        "now"
+        if times == ["0"]
+        else ", ".join(times if len(times) < 5 else [*times[:2], "...", times[-1]]) + " ms ahead"
+    )
     each = _count(s["order"] - 1, "derivative")
     lines = [
         f"- `x[{s['measured']}]`: {what}, measured now.",

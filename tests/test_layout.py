@@ -28,6 +28,7 @@ ORDER = [
         "structure",
         "response",
         "levels",
+        "study_draw",
     },
     {"hardware", "fitting", "horizon"},
     {"core", "estimate", "endpoint_design"},
@@ -36,8 +37,10 @@ ORDER = [
     {"loop", "fit"},
     {"batch", "baselines", "precision", "experiment", "identify"},
     {"project"},
-    {"report", "draft"},
-    {"compare", "demo"},
+    {"report", "draft", "study_plan"},
+    {"compare", "demo", "study_run", "study_plot"},
+    {"study_store"},
+    {"study"},
     {"cli"},
 ]
 EXTENSIONS = {"_core_float32": "core", "_core_float64": "core", "_response": "response"}
@@ -83,7 +86,7 @@ def test_each_extension_module_has_one_module_that_touches_it(extension):
 
 def test_importing_the_package_needs_no_extra():
     """Optional libraries are imported where they are used."""
-    optional = {"control", "pandas", "pyarrow", "fmpy", "dask"}
+    optional = {"control", "pandas", "pyarrow", "fmpy", "dask", "distributed"}
     for module in MODULES:
         top = ast.parse((SOURCE / f"{module}.py").read_text()).body
         names = {alias.name.split(".")[0] for node in top if isinstance(node, ast.Import) for alias in node.names}

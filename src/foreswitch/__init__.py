@@ -16,6 +16,8 @@ from foreswitch.precision import Precision, compare_precision
 from foreswitch.record import Record
 from foreswitch.reference import HalfSine, Ramp, Reference, Samples, Sine, Stack, Steps
 from foreswitch.run import Run
+from foreswitch.study import Study, study
+from foreswitch.study_draw import LogUniform, Normal, OneOf, Uniform
 
 __all__ = [
     "Batch",
@@ -29,7 +31,10 @@ __all__ = [
     "Hardware",
     "Horizon",
     "Kalman",
+    "LogUniform",
     "NonlinearPlant",
+    "Normal",
+    "OneOf",
     "Plant",
     "Precision",
     "PulseTest",
@@ -43,10 +48,13 @@ __all__ = [
     "Status",
     "Steps",
     "Stuck",
+    "Study",
+    "Uniform",
     "baselines",
     "compare_precision",
     "identify",
     "propose_test",
     "simulate",
     "simulate_batch",
+    "study",
 ]

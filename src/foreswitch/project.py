@@ -341,23 +341,40 @@ class Project:
     """
 
     def __init__(self, content: dict[str, Any], folder: str | Path = ".") -> None:
-        try:
-            self.file = File.model_validate(content)
-        except ValidationError as error:
-            raise ValueError(_sentence(error, content)) from None
+        self.file, self.folder = _validated(content), Path(folder)
         self.plant = self.file.plant.build()
         self.controller = self.build_controller()
         tables = self.file.reference if isinstance(self.file.reference, list) else [self.file.reference]
-        parts = [table.build(Path(folder)) for table in tables]
+        parts = [table.build(self.folder) for table in tables]
         if len(parts) != self.plant.outputs:
             raise ValueError(f"[reference] stands {len(parts)} time(s); the plant has {self.plant.outputs} output(s)")
-        truth = self.file.simulation.plant
-        self.truth = truth.build("simulation.plant") if truth else self.plant
-        hardware = self.file.simulation.hardware
-        self.hardware = hardware.build() if hardware else None
-        self.seed = self.file.simulation.seed
         self.reference: Reference = parts[0] if len(parts) == 1 else Stack(*parts)
-        self._courses = self._disturbances(Path(folder))
+        self._simulated()
+
+    def _simulated(self) -> None:
+        """What [simulation] says."""
+        table = self.file.simulation
+        self.truth = table.plant.build("simulation.plant") if table.plant else self.plant
+        self.hardware = table.hardware.build() if table.hardware else None
+        self.seed = table.seed
+        self._courses = self._disturbances(self.folder)
+
+    def with_simulation(self, table: dict[str, Any]) -> Project:
+        """The same project with another [simulation]; controller and reference are not built anew.
+
+        Parameters
+        ----------
+        table : dict
+            The whole table.
+
+        Returns
+        -------
+        Project
+        """
+        twin = copy.copy(self)
+        twin.file = _validated(self.file.model_dump(exclude_unset=True) | {"simulation": table})
+        twin._simulated()
+        return twin
 
     def _disturbances(self, folder: Path) -> Stack | None:
         """The disturbances that run a course of their own."""
@@ -528,6 +545,14 @@ class Project:
             w = sample(self._courses, t, self._courses.outputs, 1)[:, :, 0]
         settings.setdefault("disturbance", w)
         return settings
+
+
+def _validated(content: dict[str, Any]) -> File:
+    """The tables, or one complaint."""
+    try:
+        return File.model_validate(content)
+    except ValidationError as error:
+        raise ValueError(_sentence(error, content)) from None
 
 
 def _sentence(error: ValidationError, content: dict[str, Any]) -> str:

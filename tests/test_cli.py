@@ -222,7 +222,7 @@ def test_bad_usage_is_exit_code_2_and_one_line(run, project, tmp_path, arguments
     assert {path.name for path in tmp_path.iterdir()} == {"valve", "broken.toml"}
 
 
-@pytest.mark.parametrize("verb", ["demo", "init", "identify", "simulate", "compare"])
+@pytest.mark.parametrize("verb", ["demo", "init", "identify", "simulate", "compare", "study"])
 def test_every_verb_has_help_with_an_example(run, verb):
     code, out, _ = run(verb, "--help")
     assert code == 0

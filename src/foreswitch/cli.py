@@ -38,6 +38,9 @@ from foreswitch.report import (
     search_table,
 )
 from foreswitch.run import listed
+from foreswitch.study import Study, csv_rows
+from foreswitch.study import study as run_study
+from foreswitch.study_run import WorkersLost
 
 __all__ = ["main"]
 
@@ -274,6 +277,87 @@ def compare(
         print(f"{law} is left out: {why}")
     if out is not None:
         print(f"{out / 'report.html'}, pictures and traces beside it")
+
+
+@app.command(
+    epilog='Example: foreswitch study project.toml --over "controller.Td=0.01,0.02" --over "gain_error=uniform(-0.1,0.1)" '
+    "--repeats 100 --out study"
+)
+def study(
+    project: ProjectFile,
+    over: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--over",
+            metavar="KEY=VALUES",
+            help="Key of the project file, or delay_error [s], gain_error, and what it takes: 0.01,0.02 or "
+            "linspace(0,1,5) or geomspace(1,100,5) for a grid; uniform(0,4), loguniform(0.1,10), normal(1,0.1), "
+            "oneof(a,b) drawn for each run. Several times for several keys.",
+        ),
+    ] = None,
+    repeats: Annotated[int, typer.Option("--repeats", help="Runs per grid point.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", help="Of all that is random.")] = 0,
+    scheduler: Annotated[
+        str | None,
+        typer.Option("--scheduler", help='"processes", or the address of a Dask scheduler, tcp://host:port.'),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for table, report and pictures; the same call again continues.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Sweep parameters of a project, or draw them at random: many closed-loop runs, one table."""
+    console = Console(stderr=True)
+    try:
+        with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+            task = bar.add_task("checking", total=1.0)
+            result = run_study(
+                project, _over(over or []), repeats=repeats, seed=seed, scheduler=scheduler, out=out,
+                progress=lambda share, what: bar.update(task, completed=share, description=what),
+            )  # fmt: skip
+    except WorkersLost as error:
+        _complain(str(error))
+        raise typer.Exit(1) from None
+    summary = _study_summary(result)
+    if out is not None:
+        with whole_folder(out) as folder:
+            result.report(_title(project)).write(folder)
+            write_whole(folder / "summary.csv", csv_rows(result.summary()))
+            write_whole(folder / "metrics.json", _json(summary))
+    if as_json:
+        print(_json(summary), end="")
+        return
+    content = result.table(LINES, brief=True)
+    _print_table(str(project), content)
+    if content.caption:
+        print(content.caption)
+    if out is not None:
+        print(f"{out / 'report.html'}, pictures and tables beside it")
+
+
+#: Grid points that a terminal shows.
+LINES = 30
+
+
+def _over(given: list[str]) -> dict[str, str]:
+    """Keys and what they take."""
+    found: dict[str, str] = {}
+    for text in given:
+        key, equals, values = text.partition("=")
+        if not equals or not values.strip():
+            raise ValueError(f"--over is {text!r}; give KEY=VALUES, such as controller.Td=0.01,0.02")
+        if key.strip() in found:
+            raise ValueError(f"--over stands twice for {key.strip()}; give all its values at once")
+        found[key.strip()] = values
+    return found
+
+
+def _study_summary(result: Study) -> dict[str, Any]:
+    """Grid points with their parameters and quantiles."""
+    columns = {name: values.tolist() for name, values in result.summary().items()}
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    finite = [{k: v if not isinstance(v, float) or np.isfinite(v) else None for k, v in row.items()} for row in rows]
+    return {"runs": len(result), "repeats": result.plan.repeats, "seed": result.plan.seed, "points": finite}
 
 
 def _title(project: Path) -> str:

@@ -22,6 +22,7 @@ from foreswitch.loop import simulate
 from foreswitch.project import Project
 from foreswitch.report import Picture, Report, Section, Table, number
 from foreswitch.run import Run
+from foreswitch.study_draw import LogUniform
 from foreswitch.study_plan import KEYS, Plan, full, label, plain_key, planned, unit
 from foreswitch.study_plot import Scale
 from foreswitch.study_run import Piece, checked_scheduler, chunk_rows, run_pieces
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = ["Study", "study"]
+__all__ = ["Study", "csv_rows", "study"]
 
 QUANTILES = (0.05, 0.5, 0.95)
 #: Rows that are turned into text or Parquet at a time.
@@ -179,7 +180,7 @@ class Study:
         """
         with whole_file(path) as file:
             for i, block in enumerate(self._blocks()):
-                file.write(_csv(block, heads=i == 0))
+                file.write(csv_rows(block, heads=i == 0))
 
     # One run ----------------------------------------------------------------------------------------------------------
 
@@ -278,7 +279,7 @@ class Study:
         point = int(np.ravel_multi_index(index, self.plan.shape)) if index else 0
         values = self._metric(metric)[point * self.plan.repeats : (point + 1) * self.plan.repeats]
         with np.errstate(invalid="ignore"):
-            marks = [(float(np.quantile(values, share)), f"{share:.0%}") for share in QUANTILES]
+            marks = [(float(np.quantile(values, share)), f"{100 * share:g} %") for share in QUANTILES]
         return study_plot.histogram(values, metric=self._label(metric), marks=marks)
 
     def _scatter(self, metric: str) -> Figure | None:
@@ -289,8 +290,10 @@ class Study:
         rows = np.linspace(0, self.plan.rows - 1, min(self.plan.rows, study_plot.DOTS)).astype(np.int64)
         point, repeat = np.divmod(rows, self.plan.repeats)
         scales = [
-            _scale(key, np.broadcast_to(self.plan.drawn(key, point, repeat), rows.shape).tolist()) for key in keys[:9]
-        ]
+            Scale(key + unit(key), np.broadcast_to(self.plan.drawn(key, point, repeat), rows.shape).tolist(),
+                  isinstance(self.plan.draws[key], LogUniform))
+            for key in keys[:9]
+        ]  # fmt: skip
         return study_plot.scatter(scales, self._metric(metric)[rows], metric=self._label(metric))
 
     def _label(self, metric: str) -> str:
@@ -304,30 +307,41 @@ class Study:
         ]
         return f"{words}, {names[i]}" if i < 2 * q or m > 1 else words
 
-    def table(self, most: int | None = None) -> Table:
-        """Median and, in brackets, the ends of nine tenths of the runs, by grid point; for reports and terminals.
+    def table(self, most: int | None = None, *, brief: bool = False) -> Table:
+        """Medians, and between which values nine tenths of the runs lie, by grid point; for reports and terminals.
 
         Parameters
         ----------
         most : int, optional
             Rows, at most; default all.
+        brief : bool
+            Short heads, and the ends of the first figure of merit only.
 
         Returns
         -------
         Table
         """
-        shown = min(self.plan.points, most or self.plan.points)
+        shown, several = min(self.plan.points, most or self.plan.points), self.plan.repeats > 1
         points = np.arange(shown)
-        heads = ["", *(f"{key}{unit(key)}" for key in self.plan.axes), *map(self._label, self.metrics)]
+        tails = [key.split(".")[-1] for key in self.plan.axes]
+        short = brief and len(set(tails)) == len(tails)
+        heads = [
+            "",
+            *(name + unit(key) for name, key in zip(tails if short else self.plan.axes, self.plan.axes, strict=True)),
+        ]
         cells = [[str(point + 1) for point in points]]
         cells += [[label(value) for value in _flat(self.plan.axis(key, points))] for key in self.plan.axes]
-        for name in self.metrics:
-            found = self._quantiles(name, QUANTILES)[:, :shown].T
-            cells.append([
-                number(middle) if self.plan.repeats == 1 else f"{number(middle)} ({number(low)}, {number(high)})"
-                for low, middle, high in found
-            ])  # fmt: skip
-        caption = "" if self.plan.repeats == 1 else f"Median of {self.plan.repeats} runs; in brackets 5 % and 95 %."
+        for i, name in enumerate(self.metrics):
+            heads.append(self._label(name).split(",")[0] if brief else self._label(name))
+            low, middle, high = ([number(value) for value in row[:shown]] for row in self._quantiles(name, QUANTILES))
+            if several and not brief:
+                middle = [f"{m} ({a}, {b})" for a, m, b in zip(low, middle, high, strict=True)]
+            cells.append(middle)
+            if several and brief and i == 0:
+                heads += ["5 %", "95 %"]
+                cells += [low, high]
+        ends = "" if brief else "; in brackets 5 % and 95 %"
+        caption = f"Medians of {self.plan.repeats} runs{ends}." if several else ""
         if shown < self.plan.points:
             caption += f" The first {shown} of {self.plan.points} points."
         return Table(heads, list(zip(*cells, strict=True)), caption.strip())
@@ -389,7 +403,8 @@ def _flat(values: ArrayLike) -> np.ndarray[Any, Any]:
     return np.array([label(value) for value in array]) if array.dtype.kind in "OU" or array.ndim > 1 else array
 
 
-def _csv(block: dict[str, np.ndarray[Any, Any]], *, heads: bool) -> bytes:
+def csv_rows(block: dict[str, np.ndarray[Any, Any]], *, heads: bool = True) -> bytes:
+    """Columns as CSV, every digit."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     if heads:

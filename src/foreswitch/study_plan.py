@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
@@ -17,7 +18,6 @@ from numpy.typing import ArrayLike
 
 from foreswitch import _check
 from foreswitch._check import Array
-from foreswitch._text import nearest
 from foreswitch.loop import Loop, checked_seed
 from foreswitch.project import File, Project, Table
 from foreswitch.study_draw import SHARED, Distribution, OneOf, Words, column, mixed, parsed, shares
@@ -254,12 +254,6 @@ class Plan:
                 except ValueError as error:
                     raise ValueError(f"{self.named(point, repeat if self.varying() else None)}: {error}") from None
                 first = first or setup
-                sizes, wanted = ((each.outputs, each.inputs) for each in (setup.project.plant, first.project.plant))
-                if sizes != wanted:
-                    raise ValueError(
-                        f"{self.named(point)} has {sizes[0]} output(s) and {sizes[1]} input(s), the first one {wanted[0]} "
-                        f"and {wanted[1]}; a study's plants must agree"
-                    )
             progress(point + 1)
         assert first is not None
         return first.project
@@ -363,6 +357,8 @@ def planned(project: Project, over: Mapping[str, Any], repeats: int, seed: int) 
     draws: dict[str, Distribution] = {}
     if isinstance(repeats, bool) or not isinstance(repeats, (int, np.integer)) or repeats < 1:
         raise ValueError(f"repeats is {repeats!r}; give a whole number of at least 1")
+    if seed is None:
+        raise ValueError("seed is None; give a whole number, the same for the same study")
     if not isinstance(over, Mapping):
         raise ValueError(f"over is {over!r}; give a dict from keys to lists or distributions")
     for key, given in over.items():
@@ -390,10 +386,17 @@ def _known(key: str, over: Mapping[str, Any]) -> None:
     if not isinstance(key, str) or plain_key(full(key)) not in KEYS:
         if plain_key(full(str(key))) == "simulation.seed":
             raise ValueError("simulation.seed cannot be varied, every run has a seed of its own; give seed and repeats")
-        raise ValueError(f"over has the unknown key {key!r}; {nearest(str(key), KEYS)}")
+        raise ValueError(f"over has the unknown key {key!r}; did you mean {_closest(str(key))!r}?")
     for other in over:
         if other != key and f"{full(key)}.".startswith(f"{full(str(other))}."):
             raise ValueError(f"over has both {other!r} and {key!r}, which set the same value; remove one")
+
+
+def _closest(key: str) -> str:
+    """The nearest known key: by its letters, else one that ends alike, else the least far."""
+    last = key.split(".")[-1]
+    alike = [known for known in KEYS if known.split(".")[-1] == last]
+    return (get_close_matches(key, KEYS, 1) or alike or get_close_matches(key, KEYS, 1, 0.0))[0]
 
 
 def _bare(value: Any) -> Any:

@@ -28,10 +28,11 @@ DOTS = 3000
 
 @dataclass(frozen=True)
 class Scale:
-    """An axis of a study: its label and its values."""
+    """An axis of a study: its label, its values, and whether a logarithmic scale suits them; None: as they are spaced."""
 
     name: str
     values: Sequence[Any]
+    log: bool | None = None
 
     @property
     def positions(self) -> Array | None:
@@ -43,6 +44,8 @@ class Scale:
     def logarithmic(self) -> bool:
         """Whether the values are spaced by a ratio rather than by a difference."""
         at = self.positions
+        if self.log is not None:
+            return self.log
         if at is None or len(at) < 3 or at.min() <= 0.0 or at.max() < 4.0 * at.min():
             return False
         at = np.sort(at)
@@ -67,7 +70,7 @@ def bands(
         axes.margins(x=0.15)
     else:
         if repeats > 1:
-            between = f"{shares[0]:.0%} to {shares[1]:.0%} of {repeats} runs"
+            between = f"{100 * shares[0]:g} to {100 * shares[1]:g} % of {repeats} runs"
             axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0, label=between)
         axes.plot(x, middle, "o-", color=colour, linewidth=1.3, markersize=3.5, label="median")
         if scale.logarithmic:
@@ -81,7 +84,7 @@ def bands(
 
 
 def _named(name: str, shares: tuple[float, float], repeats: int) -> str:
-    return f"{name}, {shares[0]:.0%} to {shares[1]:.0%} of {repeats} runs" if repeats > 1 else name
+    return f"{name}, {100 * shares[0]:g} to {100 * shares[1]:g} % of {repeats} runs" if repeats > 1 else name
 
 
 def _limits(axes: Axes, low: Array, high: Array) -> None:
@@ -147,7 +150,7 @@ def _write(axes: Axes, field: Array, norm: Normalize) -> None:
     for (i, j), value in np.ndenumerate(field):
         if np.isfinite(value):
             colour = "black" if float(norm(float(value))) > 0.6 else "white"
-            axes.text(j + 0.5, i + 0.5, f"{value:.3g}", ha="center", va="center", fontsize=7, color=colour)
+            axes.text(j + 0.5, i + 0.5, f"{value:#.3g}".rstrip("."), ha="center", va="center", fontsize=7, color=colour)
 
 
 def histogram(values: Array, *, metric: str, marks: Sequence[tuple[float, str]]) -> Figure:

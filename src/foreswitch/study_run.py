@@ -267,7 +267,7 @@ def _on_cluster(plan: Plan, split: Callable[[int], Sequence[Piece]], address: st
         # made by a task of its own, so that it is sent once and, where its worker is lost, made anew
         held = client.submit(_hold, pickle.dumps(plan), version("foreswitch"), key=f"{name}-plan")
         running: dict[Any, Piece] = {}
-        stream = as_completed()
+        stream = as_completed(loop=client.loop)
 
         def more() -> None:
             while waiting and len(running) < 2 * SHARE * threads:

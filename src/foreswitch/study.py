@@ -332,7 +332,8 @@ class Study:
         cells = [[str(point + 1) for point in points]]
         cells += [[label(value) for value in _flat(self.plan.axis(key, points))] for key in self.plan.axes]
         for i, name in enumerate(self.metrics):
-            heads.append(self._label(name).split(",")[0] if brief else self._label(name))
+            words = self._label(name)
+            heads.append(words.split(",")[0].replace("largest error", "largest") if brief else words)
             low, middle, high = ([number(value) for value in row[:shown]] for row in self._quantiles(name, QUANTILES))
             if several and not brief:
                 middle = [f"{m} ({a}, {b})" for a, m, b in zip(low, middle, high, strict=True)]

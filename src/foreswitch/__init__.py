@@ -2,6 +2,7 @@
 
 from foreswitch import baselines
 from foreswitch.batch import Batch, simulate_batch
+from foreswitch.certificate import Certificate, certify
 from foreswitch.controller import Controller, Decision, Status
 from foreswitch.estimator import Kalman
 from foreswitch.experiment import PulseTest, propose_test
@@ -22,6 +23,7 @@ from foreswitch.study_draw import LogUniform, Normal, OneOf, Uniform
 __all__ = [
     "Batch",
     "Candidate",
+    "Certificate",
     "Controller",
     "Decision",
     "Endpoint",
@@ -51,6 +53,7 @@ __all__ = [
     "Study",
     "Uniform",
     "baselines",
+    "certify",
     "compare_precision",
     "identify",
     "propose_test",

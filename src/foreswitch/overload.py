@@ -1,0 +1,235 @@
+"""Bounds of the quantiser's error, and the range of the ideal input within which they hold.
+
+The error is at most half a gap between levels as long as the unquantised input stays within half a gap of the levels'
+hull, and that input itself moves with earlier errors. An `Argument` is an induction over the periods: while the error has
+stayed within its radius, the unquantised input stays where the error is within the radius.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import eig
+
+from foreswitch._check import Array
+from foreswitch.covering import LARGEST, Covering
+from foreswitch.error_loop import ErrorLoop
+from foreswitch.measurement_error import choice_error
+from foreswitch.misprediction import Errors
+from foreswitch.peak_gain import Recursion, Unsettled
+
+__all__ = ["Argument", "Quantiser"]
+
+#: Poles of the plant up to here count as 1, and modes closer than this as one.
+UNIT, APART = 1.0 + 1e-9, 1e-6
+#: An ideal input counts as within a range that it leaves by less than this share of the levels' span.
+EDGE = 1e-9
+#: Rounds in which the radius may grow until the induction closes, and by how much beyond what it needs.
+ROUNDS, GROWTH = 40, 1.01
+#: Halvings in the search for the largest range.
+HALVINGS = 24
+#: An ideal input that leaves the range for a while may enlarge the radius by this share.
+GRACE = 0.5
+
+
+@dataclass(frozen=True)
+class Argument:
+    """A bound of the quantiser's error.
+
+    Attributes
+    ----------
+    low, high : ndarray, shape (m,)
+        Range of the ideal input; none where low exceeds high.
+    radius : float
+        Largest length of the quantiser's error in p = metric u.
+    one_sided : bool
+        Whether it leans on a mode of the plant, which the ends of the levels need.
+    excursion : float
+        Share of the radius that lets the ideal input leave the range for a while, as it wants to.
+    """
+
+    low: Array
+    high: Array
+    radius: float
+    one_sided: bool = False
+    excursion: float = 0.0
+
+    def covers(self, wanted: Array, span: Array) -> bool:
+        """Whether an ideal input (K, m) stays in the range, but for its excursion."""
+        return self.excursion > 0.0 or bool(
+            (wanted >= self.low - EDGE * span).all() and (wanted <= self.high + EDGE * span).all()
+        )
+
+
+class Quantiser:
+    """The levels of a loop, as seen from the unquantised input.
+
+    Parameters
+    ----------
+    loop : ErrorLoop
+    """
+
+    def __init__(self, loop: ErrorLoop) -> None:
+        self.loop = loop
+        self.price = float(loop.controller._actuator.switch_cost.sum())
+        self.span = 2.0 * loop.windows.half_span
+        self._covering: Covering | None = None
+
+    def arguments(self, errors: Errors, wanted: Array | None = None) -> list[Argument]:
+        """Bounds that hold, the tightest first, at all or with an eye to an ideal input (K, m).
+
+        With several inputs the radius grows with the range, so there is one argument: for the wanted range, else for the
+        widest that is centred in the levels' hull.
+        """
+        found = self._modulator(errors, wanted) if self.loop.plant.inputs == 1 else self._covered(errors, wanted)
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd errors: no argument then, NaN compares as false
+            some = [each for each in found if (each.low <= each.high + EDGE * self.span).all()]
+        return sorted((each for each in some if np.isfinite(each.radius)), key=lambda each: each.radius)
+
+    def prove(self, errors: Errors, wanted: Array | None = None) -> Argument | None:
+        """The tightest argument for an ideal input, or at all."""
+        return next((a for a in self.arguments(errors, wanted) if wanted is None or a.covers(wanted, self.span)), None)
+
+    # ---- One input: a delta-sigma modulator ----
+
+    def _modulator(self, errors: Errors, wanted: Array | None) -> Iterator[Argument]:
+        """The loop's own gain, then gains on a single mode of the plant, of which the loop's differs by a bounded input.
+
+        A gain on the mode with pole p that brings it to 0 at once leaves ``|p| <= 1`` times the latest error: then even
+        an ideal input at the end of the levels overloads nothing.
+        """
+        loop, values = self.loop, self.loop.controller.levels[0]
+        scale = float(np.abs(loop.metric[0, 0]))
+        half = 0.5 * float(np.diff(values).max())
+        gain = float(loop.windows.far[0] * errors.gain[0])
+        price = 2.0 * self.price / scale**2
+        wrong = float(choice_error(loop, errors)[0]) / scale + float(loop.windows.misjudged(loop.gain, errors)[0])
+        direct = float(np.hypot(half, np.sqrt(price))) + wrong + gain
+        # what the lowest and the highest level may really be
+        lowest = float(values[0] + errors.gain[0] * abs(values[0] - loop.plant.u_offset[0]))
+        highest = float(values[-1] - errors.gain[0] * abs(values[-1] - loop.plant.u_offset[0]))
+        # without a price on switching, overload is told by what really acts, which noise does not change
+        room, blur = (direct, 0.0) if price == 0 else (half, wrong)
+        own = float(loop.recursion.sums(loop.gain, loop.gamma)[0, 0])
+        drift = float(loop.model_reach(loop.gain, errors)[0])
+        margin = direct * own + drift + blur - room
+        yield Argument(np.array([lowest + margin]), np.array([highest - margin]), scale * direct)
+        if price > 0:
+            return
+        late = float(loop.windows.weights(0, errors)[0])
+        for row, pole in self._modes():
+            shadow = -pole / float(row @ loop.gamma[:, 0]) * row[None, :]
+            try:
+                recursion = Recursion(loop.phi + loop.gamma @ shadow)
+            except Unsettled:
+                continue
+            rest = loop.gain - shadow
+            spread = float(recursion.sums(rest, loop.gamma)[0, 0])
+            if spread >= 1.0:
+                continue
+            matched, unmatched = 0.0, 0.0
+            for error in loop.windows.delay_errors(0, errors):
+                column = loop.shifted(0, error)
+                share = float(row @ column) / float(row @ loop.gamma[:, 0])
+                other = (column - share * loop.gamma[:, 0])[:, None]
+                matched = max(matched, late * abs(share))
+                unmatched = max(unmatched, late * float(recursion.sums(rest, other)[0, 0]))
+            radius = (direct + matched + unmatched) / (1.0 - spread)
+            margin = radius * (pole - 1.0) + matched
+            low, high, excursion = lowest + margin, highest - margin, 0.0
+            if wanted is not None and (wanted.min() < low or wanted.max() > high):
+                beyond = max(
+                    _excursion(wanted[:, 0] - (lowest + matched), radius, pole),
+                    _excursion((highest - matched) - wanted[:, 0], radius, pole),
+                )
+                if beyond <= GRACE * radius:
+                    radius += beyond / (1.0 - spread)
+                    excursion = max(beyond / radius, np.finfo(float).tiny)
+            worst = radius * (1.0 + spread) + matched + unmatched
+            yield Argument(np.array([low]), np.array([high]), scale * worst, True, excursion)
+
+    def _modes(self) -> Iterator[tuple[Array, float]]:
+        """Left eigenvectors of simple real poles in (0, 1] that the input moves, slowest first."""
+        loop = self.loop
+        poles, left = eig(loop.phi, left=True, right=False)
+        for i in np.argsort(-np.abs(poles), kind="stable"):
+            others = np.delete(poles, i)
+            if poles[i].imag == 0 and 0 < poles[i].real <= UNIT and (np.abs(others - poles[i]) > APART).all():
+                row = left[:, i].real
+                if abs(row @ loop.gamma[:, 0]) > 1e-12 * np.linalg.norm(row) * np.linalg.norm(loop.gamma):
+                    yield row, min(float(poles[i].real), 1.0)
+
+    # ---- Several inputs: the covering radius ----
+
+    def _covered(self, errors: Errors, wanted: Array | None) -> Iterator[Argument]:
+        loop = self.loop
+        if loop.rank > LARGEST:
+            return
+        if self._covering is None:
+            self._covering = Covering(loop.commands @ loop.metric.T)
+        # the region is a box in u where every direction of u is quantised, else a box in p
+        whole = loop.rank == loop.plant.inputs
+        faces = loop.inverse if whole else np.eye(loop.rank)
+        rows = faces @ loop.metric @ loop.gain
+        own = loop.recursion.sums(rows, loop.gamma @ loop.inverse, norm=2)
+        noise = choice_error(loop, errors) + loop.windows.misjudged(loop.metric @ loop.gain, errors)
+        drift = loop.model_reach(rows, errors) + np.abs(faces) @ noise
+        extra = float(np.linalg.norm(noise + np.abs(loop.metric) @ (loop.windows.far * errors.gain)))
+        levels = loop.controller.levels
+        if wanted is not None:
+            box = wanted.min(axis=0), wanted.max(axis=0)
+            radius = self._closed(faces, *_image(faces @ loop.metric, *box), own, drift, extra)
+            if radius is not None:
+                yield Argument(*box, radius)
+            return
+        ends = np.array([v[0] for v in levels]), np.array([v[-1] for v in levels])
+        centre, half = 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0])
+
+        def at(share: float) -> Argument | None:
+            box = centre - share * half, centre + share * half
+            radius = self._closed(faces, *_image(faces @ loop.metric, *box), own, drift, extra)
+            return None if radius is None else Argument(*box, radius)
+
+        best, least, most = at(0.0), 0.0, 1.0
+        if best is None:
+            return
+        for _ in range(HALVINGS):
+            share = 0.5 * (least + most)
+            found = at(share)
+            best, least, most = (found, share, most) if found else (best, least, share)
+        assert best is not None
+        yield best
+
+    def _closed(self, faces: Array, low: Array, high: Array, own: Array, drift: Array, extra: float) -> float | None:
+        """The radius at which the induction closes, or None."""
+        assert self._covering is not None
+        radius = 0.0
+        for _ in range(ROUNDS):
+            reach = own * radius + drift
+            distance = self._covering.farthest(faces, low - reach, high + reach)
+            needed = float(np.hypot(distance, np.sqrt(2.0 * self.price))) + extra
+            if needed <= radius:
+                return radius
+            radius = needed * GROWTH if radius else needed
+        return None
+
+
+def _excursion(room: Array, radius: float, pole: float) -> float:
+    """How far the error may leave its radius because the ideal input leaves the levels' hull for a while.
+
+    ``room`` (K,) is what the ideal input has left at one end. While the error e along the mode is driven by overload,
+    ``e[k+1] = pole (e[k] - room[k])``, else it is at most ``pole radius``; overloaded, the quantiser's is ``e - room``.
+    """
+    error, most = pole * radius, 0.0
+    for left in room.tolist():
+        most = max(most, error - left - radius)
+        error = max(pole * radius, pole * (error - left))
+    return most
+
+
+def _image(matrix: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """The smallest box around the image of a box."""
+    centre, half = matrix @ (0.5 * (low + high)), np.abs(matrix) @ (0.5 * (high - low))
+    return centre - half, centre + half

@@ -121,7 +121,7 @@ class ErrorLoop:
     def _hidden_inputs(self, errors: Errors) -> Array:
         """Columns whose largest size bounds the hidden part of any command: of each one, and of the gains' errors."""
         each = (self.hidden @ self.commands.T).reshape(self.plant.inputs, -1)
-        return np.hstack([each, self.hidden * (self.windows.far * errors.gain)])
+        return np.hstack([each, self.hidden * self.windows.surplus(errors)])
 
     def _hidden(self, sizes: Array) -> Array:
         """The worst command's size and all gains' together, from columns as above."""

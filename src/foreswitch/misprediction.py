@@ -2,7 +2,7 @@
 
 A command differs from the middle of its input's levels by at most half their span; the middle itself is constant and
 knows no dead time. So a wrong dead time weighs with ``0.5 span (1 + gain error)``, a wrong gain with the largest distance
-of a level from the input's offset.
+of a level from the input's offset; a load weighs as it is.
 """
 
 from __future__ import annotations
@@ -31,13 +31,18 @@ class Errors:
     ----------
     noise : ndarray
         Largest error of each measured value.
-    delay, gain : ndarray, shape (m,)
-        Largest error of each dead time [s], and of each input's gain as a share of it.
+    delay, gain, load : ndarray, shape (m,)
+        Largest error of each dead time [s], of each input's gain as a share of it, and what is added to it unmeasured.
     """
 
     noise: Array
     delay: Array
     gain: Array
+    load: Array
+
+    def share(self, factor: float) -> Errors:
+        """So much of each."""
+        return Errors(factor * self.noise, factor * self.delay, factor * self.gain, factor * self.load)
 
 
 class Windows:
@@ -67,8 +72,12 @@ class Windows:
         return np.unique(np.maximum(np.linspace(-e, e, 2 * TRIED + 1), -self.tau[j])) if e > 0 else np.zeros(1)
 
     def weights(self, j: int, errors: Errors) -> tuple[float, float]:
-        """Sizes of a command of input j for a wrong dead time and for a wrong gain."""
-        return float(self.half_span[j] * (1.0 + errors.gain[j])), float(self.far[j] * errors.gain[j])
+        """Sizes of a command of input j for a wrong dead time, and for a wrong gain or a load."""
+        return float(self.half_span[j] * (1.0 + errors.gain[j])), float(self.surplus(errors)[j])
+
+    def surplus(self, errors: Errors) -> Array:
+        """Largest part of each acting input that the law does not know of, (m,)."""
+        return self.far * errors.gain + errors.load
 
     def effect(self, j: int, start: float, end: float, at: float) -> Array:
         """What a unit of input j over [start, end] leaves in x at an instant, (n,); at an earlier one: as carried back."""

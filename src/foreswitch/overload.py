@@ -103,13 +103,14 @@ class Quantiser:
         loop, values = self.loop, self.loop.controller.levels[0]
         scale = float(np.abs(loop.metric[0, 0]))
         half = 0.5 * float(np.diff(values).max())
-        gain = float(loop.windows.far[0] * errors.gain[0])
+        surplus = float(loop.windows.surplus(errors)[0])
         price = 2.0 * self.price / scale**2
         wrong = float(choice_error(loop, errors)[0]) / scale + float(loop.windows.misjudged(loop.gain, errors)[0])
-        direct = float(np.hypot(half, np.sqrt(price))) + wrong + gain
+        direct = float(np.hypot(half, np.sqrt(price))) + wrong + surplus
         # what the lowest and the highest level may really be
-        lowest = float(values[0] + errors.gain[0] * abs(values[0] - loop.plant.u_offset[0]))
-        highest = float(values[-1] - errors.gain[0] * abs(values[-1] - loop.plant.u_offset[0]))
+        offset, load = loop.plant.u_offset[0], errors.load[0]
+        lowest = float(values[0] + errors.gain[0] * abs(values[0] - offset) + load)
+        highest = float(values[-1] - errors.gain[0] * abs(values[-1] - offset) - load)
         # without a price on switching, overload is told by what really acts, which noise does not change
         room, blur = (direct, 0.0) if price == 0 else (half, wrong)
         own = float(loop.recursion.sums(loop.gain, loop.gamma)[0, 0])
@@ -176,7 +177,7 @@ class Quantiser:
         own = loop.recursion.sums(rows, loop.gamma @ loop.inverse, norm=2)
         noise = choice_error(loop, errors) + loop.windows.misjudged(loop.metric @ loop.gain, errors)
         drift = loop.model_reach(rows, errors) + np.abs(faces) @ noise
-        extra = float(np.linalg.norm(noise + np.abs(loop.metric) @ (loop.windows.far * errors.gain)))
+        extra = float(np.linalg.norm(noise + np.abs(loop.metric) @ loop.windows.surplus(errors)))
         levels = loop.controller.levels
         if wanted is not None:
             box = wanted.min(axis=0), wanted.max(axis=0)

@@ -44,6 +44,7 @@ def certify(
     noise: ArrayLike = 0.0,
     delay_error: ArrayLike = 0.0,
     gain_error: ArrayLike = 0.0,
+    load: ArrayLike = 0.0,
 ) -> Certificate:
     """Prove a bound of the tracking error around the ideal response, or say why there is none.
 
@@ -65,6 +66,8 @@ def certify(
         Largest error of the dead times [s], either way.
     gain_error : float or array_like, shape (m,)
         Largest error of the inputs' gains, as a share, either way.
+    load : float or array_like, shape (m,)
+        Largest unmeasured part of each input [unit of u], such as a leak, constant or not.
 
     Returns
     -------
@@ -85,7 +88,7 @@ def certify(
     ├─ range   ideal input from 0.005771 to 0.9942, bound 8.04
     ├─ range   ideal input from 0 to 1, bound 8.67
     ├─ loop    slowest pole 0.8407, lag 0.01136 s, DC gain 1
-    └─ errors  noise 0 0, delay 0 s, gain 0
+    └─ errors  none
     """
     if not isinstance(controller, Controller):
         raise ValueError(f"controller is a {type(controller).__name__}; give a Controller")
@@ -95,6 +98,7 @@ def certify(
         _check.per("noise", noise, measured, what, least=0.0),
         _check.per("delay_error", delay_error, inputs, "input", least=0.0),
         _check.per("gain_error", gain_error, inputs, "input", least=0.0),
+        _check.per("load", load, inputs, "input", least=0.0),
     )
     if (errors.gain >= 1.0).any():
         raise ValueError(f"gain_error is {gain_error!r}; it must be less than 1, or the input may do nothing")
@@ -109,7 +113,7 @@ class Certificate:
     ----------
     controller : Controller
     errors : Errors
-        What is borne: ``noise``, ``delay`` [s] and ``gain``.
+        What is borne: ``noise``, ``delay`` [s], ``gain`` and ``load``.
     course : Course or None
         The reference that is followed.
 
@@ -219,7 +223,7 @@ class Certificate:
 
     @cached_property
     def margins(self) -> dict[str, Array]:
-        """Largest ``delay_error`` (m,), ``gain_error`` (m,) and ``noise`` with which a bound is at most twice as large.
+        """Largest ``delay_error``, ``gain_error``, ``load`` (m,) and ``noise`` with which a bound is at most twice as large.
 
         Each by itself, the others as they are. Infinite: no limit was found. Empty where nothing is proven.
         """
@@ -305,6 +309,7 @@ class Certificate:
                 "noise": self.errors.noise.tolist(),
                 "delay_error": self.errors.delay.tolist(),
                 "gain_error": self.errors.gain.tolist(),
+                "load": self.errors.load.tolist(),
             },
             "margins": {name: values.tolist() for name, values in self.margins.items()},
             "Td_intervals": self.Td_intervals,
@@ -327,7 +332,11 @@ class Certificate:
         lag, gain = verdict.numbers(np.ravel(self.lag)), verdict.numbers(np.diag(np.atleast_2d(self.dc_gain)))
         lines.append(f"loop    slowest pole {abs(self.poles[0]):.4g}, lag {lag} s, DC gain {gain}")
         e = self.errors
-        lines.append(
-            f"errors  noise {verdict.numbers(e.noise)}, delay {verdict.numbers(e.delay)} s, gain {verdict.numbers(e.gain)}"
-        )
+        parts = {"noise": e.noise, "delay": e.delay, "gain": e.gain, "load": e.load}
+        some = [
+            f"{name} {verdict.numbers(values)}{' s' * (name == 'delay')}"
+            for name, values in parts.items()
+            if values.any()
+        ]
+        lines.append(f"errors  {', '.join(some) or 'none'}")
         return tree("Certificate, holds", lines)

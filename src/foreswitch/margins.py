@@ -70,23 +70,23 @@ def _largest(accepts: Callable[[float], bool], first: float) -> float:
     return least
 
 
-def share(quantiser: Quantiser, nothing: Errors, errors: Errors) -> float:
+def share(quantiser: Quantiser, errors: Errors) -> float:
     """The largest share of some errors that is certified."""
 
     def accepts(value: float) -> bool:
-        part = Errors(value * errors.noise, value * errors.delay, value * errors.gain)
-        return holds(quantiser, part if value > 0 else nothing, None)
+        return holds(quantiser, errors.share(value), None)
 
     return _largest(accepts, 1e-3)
 
 
 def of_errors(quantiser: Quantiser, errors: Errors, wanted: Array | None) -> dict[str, Array]:
-    """Largest delay error, gain error and noise, each entry by itself, until a bound has grown by `WORSE`."""
+    """Largest delay error, gain error, load and noise, each entry by itself, until a bound has grown by `WORSE`."""
     loop = quantiser.loop
     per_noise = np.abs(loop.choice @ loop.law.rows.state).max()
     firsts = {
         "delay": loop.Ts / 8.0,
         "gain": 0.01,
+        "load": 0.01 * float(quantiser.span.min()),
         "noise": 1e-3 * float(quantiser.span.max() / max(per_noise, 1e-300)),
     }
     limit = WORSE * bound(quantiser, errors, wanted)
@@ -104,7 +104,7 @@ def of_errors(quantiser: Quantiser, errors: Errors, wanted: Array | None) -> dic
                 return bool((bound(quantiser, replace(errors, **{name: changed}), wanted) <= limit).all())
 
             found[i] = _largest(accepts, first)
-        result[name if name == "noise" else f"{name}_error"] = found
+        result[f"{name}_error" if name in ("delay", "gain") else name] = found
     return result
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -125,7 +126,7 @@ def overloaded(quantiser: Quantiser, errors: Errors) -> str:
             f"The inputs move {loop.rank} outputs independently, and the quantiser's error is proven for up to {LARGEST}; "
             "certify parts of the plant one by one"
         )
-    nothing = Errors(0.0 * errors.noise, 0.0 * errors.delay, 0.0 * errors.gain)
+    nothing = errors.share(0.0)
     if quantiser.prove(nothing) is None:
         moved = loop.recursion.sums(loop.metric @ loop.gain, loop.gamma @ loop.inverse, norm=2).max()
         return (
@@ -133,15 +134,20 @@ def overloaded(quantiser: Quantiser, errors: Errors) -> str:
             f"them, and the levels leave no room for that; {_remedy(loop, nothing)}"
         )
     blamed = []
-    for name, label, unit in (("delay", "delay_error", " s"), ("gain", "gain_error", ""), ("noise", "noise", "")):
+    for name, label, unit in (
+        ("delay", "delay_error", " s"),
+        ("gain", "gain_error", ""),
+        ("load", "load", ""),
+        ("noise", "noise", ""),
+    ):
         own = getattr(errors, name)
-        alone = Errors(**(vars(nothing) | {name: own}))
+        alone = replace(nothing, **{name: own})
         if own.any() and not margins.holds(quantiser, alone, None):
-            most = margins.share(quantiser, nothing, alone)
+            most = margins.share(quantiser, alone)
             blamed.append(f"{label} of {numbers(own)}{unit} is more than the loop bears, at most {most:.3g} times that")
     if not blamed:
-        most = margins.share(quantiser, nothing, errors)
-        blamed = [f"noise, delay_error and gain_error together are too large, {most:.3g} times them would do"]
+        most = margins.share(quantiser, errors)
+        blamed = [f"noise, delay_error, gain_error and load together are too large, {most:.3g} times them would do"]
     return f"The quantiser may overload: {' and '.join(blamed)}; find the model more exactly, or give finer levels"
 
 

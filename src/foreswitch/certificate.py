@@ -284,7 +284,7 @@ class Certificate:
         return certificate_plot.band(self.course, y, u, self.error_bound, self.input_range, run)
 
     def summary(self) -> dict[str, Any]:
-        """Everything in plain numbers, lists and words, margins included.
+        """Everything in plain numbers, lists and words, margins included; None for what is not finite.
 
         Returns
         -------
@@ -294,7 +294,8 @@ class Certificate:
         def pair(each: Range | None) -> Any:
             return None if each is None else [each[0].tolist(), each[1].tolist()]
 
-        return {
+        e = self.errors
+        result: dict[str, Any] = _finite({
             "holds": self.holds,
             "reasons": self.reasons,
             "error_bound": self.error_bound.tolist(),
@@ -305,19 +306,15 @@ class Certificate:
             "input_range": pair(self.input_range),
             "ideal_input": pair(self.ideal_input),
             "arguments": [{"input_range": pair(each), "error_bound": bound.tolist()} for each, bound in self.arguments],
-            "errors": {
-                "noise": self.errors.noise.tolist(),
-                "delay_error": self.errors.delay.tolist(),
-                "gain_error": self.errors.gain.tolist(),
-                "load": self.errors.load.tolist(),
-            },
-            "margins": {name: values.tolist() for name, values in self.margins.items()},
+            "errors": {"noise": e.noise, "delay_error": e.delay, "gain_error": e.gain, "load": e.load},
+            "margins": self.margins,
             "Td_intervals": self.Td_intervals,
             "lam_intervals": self.lam_intervals,
             "fastest": self.fastest,
             "steady": self.steady,
             "rest": self.rest,
-        }
+        })  # fmt: skip
+        return result
 
     def __repr__(self) -> str:
         if not self.holds:
@@ -340,3 +337,14 @@ class Certificate:
         ]
         lines.append(f"errors  {', '.join(some) or 'none'}")
         return tree("Certificate, holds", lines)
+
+
+def _finite(value: Any) -> Any:
+    """As JSON can hold it."""
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_finite(each) for each in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value

@@ -18,6 +18,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from foreswitch._files import whole_folder, write_whole
+from foreswitch.certificate import Certificate
 from foreswitch.compare import compare as run_compare
 from foreswitch.compare import switching_rate, total_rms
 from foreswitch.demo import hot_gas_file, run_demo
@@ -30,6 +31,8 @@ from foreswitch.record import Record
 from foreswitch.reference import Samples
 from foreswitch.report import (
     candidate_table,
+    certificate_report,
+    certificate_section,
     fit_report,
     metric_table,
     parameter_table,
@@ -56,6 +59,10 @@ Out = Annotated[Path, typer.Option("--out", help="Folder to write to; made if mi
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for machines instead of a table.")]
 ProjectFile = Annotated[Path, typer.Argument(metavar="PROJECT.toml", help="Project file; see 'foreswitch init'.")]
 
+Reference = Annotated[
+    Path | None, typer.Option("--reference", help="CSV with a header row: time, then one column per output.")
+]
+
 
 def _version(wanted: bool) -> None:
     if wanted:
@@ -74,7 +81,7 @@ def options(
 
 @app.command(epilog="Example: foreswitch demo --out demo")
 def demo(out: Out = Path("foreswitch-demo"), as_json: Json = False) -> None:
-    """Pulse test, model, controller and tracked trajectory on the hot-gas example, beside what people use today."""
+    """Pulse test, model, controller, trajectory and certificate on the hot-gas example, beside what people use today."""
     console = Console(stderr=True)
     begun = time.perf_counter()
     with whole_folder(out) as folder, console.status("hot gas") as status:
@@ -89,6 +96,7 @@ def demo(out: Out = Path("foreswitch-demo"), as_json: Json = False) -> None:
         summary = {name: listed(run.metrics()) for name, run in runs.items()}
         write_whole(folder / "metrics.json", _json(summary))
         write_whole(folder / "fit.json", _json(_fit_summary(result.fit)))
+        write_whole(folder / "certificate.json", _json(result.proof.summary()))
     if as_json:
         print(_json(summary), end="")
         return
@@ -96,6 +104,7 @@ def demo(out: Out = Path("foreswitch-demo"), as_json: Json = False) -> None:
     _print_table("The rig, identified and tracked", metric_table(result.rig, "kPa"))
     _print_table("Hot gas, half-period sinusoid", metric_table(result.tracking, "kPa"))
     _print_table("Tuned baselines, same task", metric_table({n: b.run for n, b in result.tuned.items()}, "kPa"))
+    _print_certificate("Certificate", result.proof)
     _print_table("Cyclic, with a proportional vent", metric_table(
         {f"{frequency:g} Hz": run for frequency, run in result.cyclic.items()}, "kPa"))  # fmt: skip
     print(f"{out / 'report.html'} and pictures, traces beside it ({time.perf_counter() - begun:.1f} s)")
@@ -205,9 +214,7 @@ def _fit_summary(fit: Fit) -> dict[str, Any]:
 @app.command(epilog="Example: foreswitch simulate project.toml --reference reference.csv --out run")
 def simulate(
     project: ProjectFile,
-    reference: Annotated[
-        Path | None, typer.Option("--reference", help="CSV with a header row: time, then one column per output.")
-    ] = None,
+    reference: Reference = None,
     duration: Annotated[
         float | None, typer.Option("--duration", help="Seconds; default the reference file's, else the project's.")
     ] = None,
@@ -217,10 +224,7 @@ def simulate(
     """Run a project's closed loop and report on it."""
     setup = Project.read(project)
     changes: dict[str, Any] = {} if duration is None else {"duration": duration}
-    followed = setup.reference
-    if reference is not None:
-        followed, end = Samples.read_csv_columns(reference, setup.plant.outputs)
-        changes.setdefault("duration", end)
+    followed = _followed(setup, reference, changes)
     run = setup.simulate(reference=followed, **changes)
     summary = listed(run.metrics())
     searched = isinstance(setup.controller.objective, Horizon)
@@ -239,6 +243,55 @@ def simulate(
         _print_table("Search", search_table({"this run": (run, setup.controller)}))
     if out is not None:
         print(f"{out / 'report.html'}, pictures and trace beside it")
+
+
+@app.command(epilog="Example: foreswitch certify project.toml --delay-error 0.0005 --gain-error 0.05 --out proof")
+def certify(
+    project: ProjectFile,
+    noise: Annotated[
+        list[float] | None,
+        typer.Option("--noise", help="Largest error of the measured values, one for all or one each; default 4 sigma."),
+    ] = None,
+    delay_error: Annotated[float, typer.Option("--delay-error", help="Largest error of the dead times [s].")] = 0.0,
+    gain_error: Annotated[float, typer.Option("--gain-error", help="Largest error of the gains, as a share.")] = 0.0,
+    load: Annotated[
+        float | None, typer.Option("--load", help="Largest unmeasured load; default the project's.")
+    ] = None,
+    reference: Reference = None,
+    duration: Annotated[
+        float | None, typer.Option("--duration", help="Seconds; default the reference file's, else the project's.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for report and picture.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Prove how far the output can lie from its ideal response, or say why not (exit code 1)."""
+    setup = Project.read(project)
+    changes: dict[str, Any] = {"delay_error": delay_error, "gain_error": gain_error}
+    changes |= {} if load is None else {"load": load}
+    changes |= {} if duration is None else {"duration": duration}
+    if noise:
+        changes["noise"] = noise[0] if len(noise) == 1 else noise
+    followed = _followed(setup, reference, changes)
+    proof = setup.certify(followed, **changes)
+    if out is not None:
+        with whole_folder(out) as folder:
+            certificate_report(_title(project), proof).write(folder)
+            write_whole(folder / "certificate.json", _json(proof.summary()))
+    if as_json:
+        print(_json(proof.summary()), end="")
+    else:
+        _print_certificate(str(project), proof)
+        if out is not None:
+            print(f"{out / 'report.html'} and picture beside it")
+    return 0 if proof.holds else 1
+
+
+def _print_certificate(title: str, proof: Certificate) -> None:
+    section = certificate_section(proof, pictured=False)
+    print(f"{title}: {section.text[0]}")
+    print(section.text[1] + "\n")
+    for table in section.tables:
+        _print_table("", table)
 
 
 @app.command(epilog="Example: foreswitch compare project.toml --out compared")
@@ -358,6 +411,15 @@ def _study_summary(result: Study) -> dict[str, Any]:
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
     finite = [{k: v if not isinstance(v, float) or np.isfinite(v) else None for k, v in row.items()} for row in rows]
     return {"runs": len(result), "repeats": result.plan.repeats, "seed": result.plan.seed, "points": finite}
+
+
+def _followed(setup: Project, reference: Path | None, changes: dict[str, Any]) -> Any:
+    """The reference from a file, which also says how long it is, or the project's."""
+    if reference is None:
+        return setup.reference
+    followed, end = Samples.read_csv_columns(reference, setup.plant.outputs)
+    changes.setdefault("duration", end)
+    return followed
 
 
 def _title(project: Path) -> str:

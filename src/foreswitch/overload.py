@@ -139,6 +139,7 @@ class Quantiser:
                 unmatched = max(unmatched, late * float(recursion.sums(rest, other)[0, 0]))
             radius = (direct + matched + unmatched) / (1.0 - spread)
             margin = radius * (pole - 1.0) + matched
+            margin = margin if abs(margin) > EDGE * float(self.span[0]) else 0.0  # of a pole at 1: round-off
             low, high, excursion = lowest + margin, highest - margin, 0.0
             if wanted is not None and (wanted.min() < low or wanted.max() > high):
                 beyond = max(

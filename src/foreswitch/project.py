@@ -16,16 +16,20 @@ from foreswitch import _check
 from foreswitch._check import Array
 from foreswitch._text import nearest
 from foreswitch.baselines import Baseline, Tuned, tune
+from foreswitch.certificate import Certificate, certify
 from foreswitch.controller import Controller
 from foreswitch.estimator import Kalman
 from foreswitch.hardware import Hardware, Stuck
-from foreswitch.loop import Law, simulate
+from foreswitch.loop import Law, measured_state, simulate
 from foreswitch.objective import Endpoint, Horizon
 from foreswitch.plant import Plant
 from foreswitch.reference import HalfSine, Ramp, Reference, Samples, Sine, Stack, Steps, sample
 from foreswitch.run import Run
 
 __all__ = ["Project"]
+
+#: Of a noise given by its standard deviation, a certificate bears so many: one sample in 16 000 lies beyond.
+SIGMAS = 4.0
 
 Vector = list[float]
 Matrix = list[list[float]]
@@ -531,6 +535,45 @@ class Project:
         law, reference = controller or self.controller, reference or self.reference
         settings = self._settings(reference, law.Ts, changes)
         return simulate(law, reference, settings.pop("duration"), **settings)
+
+    def certify(self, reference: Callable[..., ArrayLike] | None = None, **changes: Any) -> Certificate:
+        """What is proven of the project's controller on its reference, from its initial state.
+
+        Parameters
+        ----------
+        reference : callable, optional
+            Default: the project's.
+        **changes
+            Arguments of `foreswitch.certify` that replace those of the project. Its noise, a standard deviation, is borne
+            up to `SIGMAS` times.
+
+        Returns
+        -------
+        Certificate
+
+        Raises
+        ------
+        ValueError
+            As `foreswitch.certify`, or if a disturbance follows the output.
+        """
+        table, reference = self.file.simulation, reference or self.reference
+        settings: dict[str, Any] = {"reference": reference, "duration": table.duration, "x0": table.x0}
+        if table.x0 is not None and (sensor := measured_state(self.plant, self.truth)) is not None:
+            settings["x0"] = sensor @ np.array(table.x0)
+        settings |= changes
+        if "noise" not in changes and table.noise is not None:
+            settings["noise"] = SIGMAS * np.asarray(table.noise)
+        if "load" not in changes and table.load is not None:
+            settings["load"] = np.abs(table.load)
+        if isinstance(table.disturbance, Valve):
+            raise ValueError(
+                "[simulation.disturbance] is a valve that follows the output, around which nothing is proven; give its "
+                "flow over time, or remove it"
+            )
+        if "disturbance" not in changes and self.plant.disturbances:
+            course = self._settings(reference, self.controller.Ts, {"duration": settings["duration"]})
+            settings["disturbance"] = course["disturbance"]
+        return certify(self.controller, **settings)
 
     def _settings(self, reference: Callable[..., ArrayLike], Ts: float, changes: dict[str, Any]) -> dict[str, Any]:
         """Arguments of `foreswitch.simulate`."""

@@ -25,6 +25,7 @@ __all__ = [
     "beyond",
     "gated",
     "grounds",
+    "intervals",
     "numbers",
     "overloaded",
     "resolution",
@@ -46,8 +47,9 @@ def between(low: Array, high: Array) -> str:
     return f"from {numbers(low)} to {numbers(high)}"
 
 
-def _within(intervals: list[tuple[float, float]], unit: str) -> str:
-    return " or ".join(f"{a:.3g} to {b:.3g} {unit}" for a, b in intervals)
+def intervals(found: Iterable[tuple[float, float]], unit: str = "") -> str:
+    """Several ranges of one number."""
+    return " or ".join(f"{a:.3g} to {b:.3g}" for a, b in found) + f" {unit}" * bool(unit)
 
 
 # ---- Before any analysis ----
@@ -111,10 +113,10 @@ def _remedy(loop: ErrorLoop, errors: Errors) -> str:
     """Settings that would hold."""
     good = margins.intervals(loop.controller, "Td", errors, None)
     if good:
-        return f"choose Td from {_within(good, 's')}"
+        return f"choose Td from {intervals(good, 's')}"
     good = margins.intervals(loop.controller, "lam", errors, None)
     if good:
-        return f"no other Td helps, choose lam from {_within(good, 'rad/s')}"
+        return f"no other Td helps, choose lam from {intervals(good, 'rad/s')}"
     return "no other Td or lam alone helps; give a shorter Ts, finer levels, or outputs that the inputs command better"
 
 

@@ -125,7 +125,7 @@ def timed(action: Callable[[], object]) -> float:
 
 def turn(hand: Numpy, noise: tuple[float, float], seed: int) -> list[float]:
     """Seconds per run of a study, a batch, NumPy side by side and NumPy one by one."""
-    rng, count, given = np.random.default_rng(seed), 4 * WIDTH, project(noise)
+    rng, count, given = np.random.default_rng(seed), 8 * WIDTH, project(noise)
     return [
         timed(lambda: study(given, repeats=count, seed=seed)) / count,
         timed(lambda: batch(noise, count)) / count,

@@ -448,6 +448,11 @@ CLAIMS = {
         "Noise alone leaves {batch_low} to {batch_high} kPa in nine runs of ten. With the spread of gains it is "
         "{spread_low} to {spread_high} kPa",
     ],
+    "study.md": [
+        "With the true gain the error is {study_true} kPa. A dead time 2 ms longer than the model's makes it {study_late} "
+        "kPa, 2 ms shorter {study_early} kPa",
+        "one in twenty is above {study_band_late} kPa and {study_band_early} kPa there",
+    ],
     "compare.md": ["Budget here: {budget} runs for each baseline"],
     "horizon.md": [
         "the paper's law leaves {family_paper} kPa, the one-step law {family_one} kPa, ten periods {family_exact_10} kPa "

@@ -21,6 +21,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import foreswitch as fsw
+from foreswitch import cli
 from foreswitch.project import Project
 from foreswitch.study_draw import mixed, parsed
 from foreswitch.study_plan import KEYS, planned
@@ -123,6 +124,9 @@ CASES = {
     "true plant": (CONTENT, {"simulation.plant.k": fsw.LogUniform(1e4, 2e4), "simulation.plant.input_delay": [0.0, 0.01]}),
     "start": (CONTENT | {"simulation": CONTENT["simulation"] | {"x0": [0.0, 0.0]}}, {
         "simulation.x0.0": fsw.Uniform(0.0, 10.0), "gain_error": [0.1]}),
+    "whole start": (CONTENT, {"simulation.x0": fsw.OneOf([[0.0, 0.0], [5.0, 0.0]])}),
+    "start and truth": (CONTENT | {"simulation": CONTENT["simulation"] | {"x0": [0.0, 0.0]}}, {
+        "simulation.x0.1": fsw.Uniform(0.0, 10.0), "gain_error": fsw.Uniform(-0.1, 0.1)}),
     "noise": (CONTENT, {"simulation.noise": fsw.Uniform(0.0, 20.0)}),
     "one state's noise": (CONTENT, {"simulation.noise.1": fsw.Uniform(0.0, 90.0)}),
     "per point": (CONTENT, {"simulation.noise": fsw.Uniform(0.0, 20.0, per="point"), "controller.Td": [0.01, 0.02]}),
@@ -528,6 +532,7 @@ def test_a_changed_file_is_another_study(programme, tmp_path):
 SLOW = """
 import importlib, json, sys, time
 import foreswitch as fsw
+from foreswitch import cli
 from foreswitch.project import Project
 module = importlib.import_module("foreswitch.study")
 module.chunk_rows = lambda plan, workers: 7
@@ -678,6 +683,83 @@ def test_without_dask_the_remedy_is_named(monkeypatch):
         fsw.study(project(), scheduler="tcp://127.0.0.1:9")
 
 
+# Command line ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def call(tmp_path, monkeypatch, capsys):
+    """Run ``foreswitch study`` beside a project: exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit):
+        cli.main(["init", "."])
+    capsys.readouterr()
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as caught:
+            cli.main(["study", "project.toml", *arguments])
+        return caught.value.code, *capsys.readouterr()
+
+    return run
+
+
+VARIED = ("--over", "controller.Td=0.01,0.02", "--over", "gain_error=normal(0, 0.1)", "--repeats", "3", "--seed", "4")
+
+
+def test_the_verb_writes_tables_and_a_report(call, tmp_path):
+    code, out, err = call(*VARIED, "--out", "study", "--json")
+    assert (code, err) == (0, "")
+    summary = json.loads(out)
+    assert summary == json.loads((tmp_path / "study/metrics.json").read_text())
+    over = {"controller.Td": [0.01, 0.02], "gain_error": fsw.Normal(0.0, 0.1)}
+    table = fsw.study("project.toml", over, repeats=3, seed=4)
+    assert [point["rms_error_q50"] for point in summary["points"]] == table.summary()["rms_error_q50"].tolist()
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "study/runs.parquet"), table.to_frame())
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "study/summary.csv"), pd.DataFrame(table.summary()))
+    pictures = {"rms_error", "max_error", "switches", "on_time", "drawn"}
+    assert {path.stem for path in (tmp_path / "study").glob("*.png")} == pictures
+    report = (tmp_path / "study/report.html").read_text()
+    assert report.count("<svg") == len(pictures)
+    assert "controller.Td" in report
+    assert call(*VARIED, "--out", "study", "--json")[:2] == (0, out)
+
+
+def test_the_verb_prints_a_table(call, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    code, out, err = call(*VARIED)
+    assert (code, err) == (0, "")
+    assert out.splitlines()[1].split() == "Td [s] rms error 5 % 95 % largest switches on-time [s]".split()
+    assert "Medians of 3 runs." in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--over", "controller.Td"), "--over is 'controller.Td'; give KEY=VALUES"),
+        (("--over", "controller.Td="), "--over is 'controller.Td='; give KEY=VALUES"),
+        (("--over", "gain_error=1", "--over", "gain_error=2"), "--over stands twice for gain_error"),
+        (("--over", "controller.td=1"), "did you mean 'controller.Td'"),
+        (("--repeats", "0"), "repeats is 0"),
+        (("--seed", "-1"), "seed is -1"),
+        (("--scheduler", "threads"), "scheduler is 'threads'"),
+        (("--out", "project.toml"), "out is project.toml, a file"),
+    ],
+)
+def test_bad_usage_is_one_line_and_leaves_nothing(call, tmp_path, arguments, words):
+    code, out, err = call(*arguments)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["project.toml"]
+
+
+def test_lost_workers_are_one_line_and_exit_code_1(call, monkeypatch):
+    def lose(*_, **__):
+        raise WorkersLost("worker processes died")
+
+    monkeypatch.setattr(cli, "run_study", lose)
+    assert call() == (1, "", "foreswitch: worker processes died\n")
+
+
 # Chunk sizes ----------------------------------------------------------------------------------------------------------
 
 
@@ -689,5 +771,5 @@ def test_chunks_are_few_and_not_longer_than_the_study():
     begun = time.perf_counter()
     run_rows(plan, Path(), (0, rows))
     assert time.perf_counter() - begun < 10.0 * LONG
-    assert 1000 < rows <= 10**6
+    assert 100 <= rows <= 10**6
     assert chunk_rows(planned(project(), {}, 3, 0), 8) == 3

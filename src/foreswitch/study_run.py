@@ -34,6 +34,8 @@ Piece = tuple[int, int]
 #: Seconds that a chunk takes, about: what an interrupted study loses; and with several workers at least, next to which
 #: 2 ms for handing out a task are nothing.
 LONG, SHORT = 1.0, 0.2
+#: Seconds of the first rows from which the length of a chunk is judged.
+ENOUGH = 0.02
 #: Chunks for each worker at least, so that all end at about the same time.
 SHARE = 4
 #: Chunks in all, at most.
@@ -72,16 +74,18 @@ def _repeats(plan: Plan, folder: Path, point: int, repeats: np.ndarray[Any, Any]
     setup = plan.setup(point, int(repeats[0]), folder)
     project, settings, seeds = setup.project, dict(setup.settings), plan.seeds(point, repeats)
     varying, found = plan.varying(), []
+    starts, truths = {key for key in varying if _is_start(key)}, {key for key in varying if _is_truth(key)}
     # a callable disturbance knows the truth, so that each truth has its own
-    if not varying or (all(_is_truth(k) or _is_start(k) for k in varying) and not callable(settings["disturbance"])):
-        block = PLANTS if varying else repeats.size
-        for start in range(0, repeats.size, block):
-            rows = slice(start, start + block)
-            if varying:
-                each = [plan.setup(point, int(repeat), folder, project).settings for repeat in repeats[rows]]
-                settings["plant"] = [one["plant"] for one in each]
-                if any(map(_is_start, varying)):
-                    settings["x0"] = np.array([one["x0"] for one in each])
+    if varying == starts or (varying == starts | truths and not callable(settings["disturbance"])):
+        block = PLANTS if truths else repeats.size
+        for rows in (slice(start, start + block) for start in range(0, repeats.size, block)):
+            if starts:
+                settings["x0"] = np.tile(np.array(setup.settings["x0"], dtype=np.float64), (len(repeats[rows]), 1))
+                for key in starts:
+                    settings["x0"][:, int(key.split(".")[-1])] = plan.drawn(key, point, repeats[rows])
+            if truths:
+                each = (plan.setup(point, int(repeat), folder, project) for repeat in repeats[rows])
+                settings["plant"] = [one.settings["plant"] for one in each]
             batch = simulate_batch(
                 project.controller, project.reference, seeds=seeds[rows].tolist(), threads=threads, **settings
             )
@@ -101,7 +105,7 @@ def _is_truth(key: str) -> bool:
 
 
 def _is_start(key: str) -> bool:
-    return full(key).startswith("simulation.x0")
+    return full(key).startswith("simulation.x0.")
 
 
 @contextmanager
@@ -120,11 +124,17 @@ def chunk_rows(plan: Plan, workers: int) -> int:
     """Rows per chunk, from the time that the first ones take."""
     count, seconds = 0, 0.0
     with unpacked(plan) as folder:
-        while count < plan.rows and seconds < 0.02:
-            count = min(max(1, 2 * count), plan.rows)
+
+        def timed() -> float:
             begun = time.perf_counter()
             run_rows(plan, folder, (0, count), 1 if workers > 1 else None)
-            seconds = time.perf_counter() - begun
+            return time.perf_counter() - begun
+
+        while count < plan.rows and seconds < ENOUGH:
+            count = min(max(1, 2 * count), plan.rows)
+            seconds = timed()
+            if seconds >= ENOUGH:  # a busy machine can spoil one measurement
+                seconds = min(seconds, timed())
     each = seconds / count
     target = LONG if workers == 1 else min(LONG, max(SHORT, plan.rows * each / (SHARE * workers)))
     return min(plan.rows, max(1, round(target / each), -(-plan.rows // MOST)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import pickle
 import signal
@@ -274,6 +275,7 @@ def _task(plan: Plan, piece: Piece) -> Array:
 def _on_cluster(plan: Plan, split: Callable[[int], Sequence[Piece]], address: str) -> Iterator[tuple[Piece, Array]]:
     try:
         from distributed import Client, as_completed
+        from distributed.comm import CommClosedError
         from distributed.scheduler import KilledWorker
     except ImportError:
         raise ValueError(f"scheduler is {address!r}, which needs dask.distributed; install foreswitch[dask]") from None
@@ -284,7 +286,7 @@ def _on_cluster(plan: Plan, split: Callable[[int], Sequence[Piece]], address: st
             f"scheduler {address!r} does not answer ({_first_line(error)}); start one with 'dask scheduler', or give "
             "another address"
         ) from None
-    with client:
+    with _quiet("distributed.client"), client:  # it logs tracebacks of what becomes one sentence here
         try:
             client.wait_for_workers(1, timeout=PATIENCE)
         except TimeoutError:
@@ -311,16 +313,26 @@ def _on_cluster(plan: Plan, split: Callable[[int], Sequence[Piece]], address: st
                 piece = running.pop(future.key)
                 more()
                 yield piece, result
-        except KilledWorker as error:
+        except KilledWorker:
             raise WorkersLost(
-                f"workers died with one task again and again ({_first_line(error)}); look for what ends them, such as too "
-                "little memory, then call again with the same out to continue"
+                f"workers of {address!r} died with one chunk again and again; look in their logs for what ends them, such as "
+                "too little memory, then call again with the same out to continue"
             ) from None
-        except (CancelledError, OSError) as error:
+        except (CancelledError, CommClosedError):
             raise WorkersLost(
-                f"scheduler {address!r} is gone ({_first_line(error)}); start it again, then call again with the same out "
-                "to continue"
+                f"scheduler {address!r} is gone; start it again, then call again with the same out to continue"
             ) from None
+
+
+@contextmanager
+def _quiet(name: str) -> Iterator[None]:
+    """A logger says nothing within."""
+    logger = logging.getLogger(name)
+    was, logger.disabled = logger.disabled, True
+    try:
+        yield
+    finally:
+        logger.disabled = was
 
 
 def _first_line(error: BaseException) -> str:

@@ -374,7 +374,8 @@ class Study:
             pictures.append(Picture("drawn", drawn, "Over the parameters drawn; every dot is a run."))
         sections = [
             Section("Varied", [] if varied else ["Nothing but the seed."], varied),
-            Section("Results", pictures=pictures, tables=[self.table(LISTED)]),
+            Section("Results", pictures=pictures),
+            Section("Grid points", tables=[self.table(LISTED)]),
             Section("First run", code=f"{self.project.controller!r}"),
         ]
         lead = (

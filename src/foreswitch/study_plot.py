@@ -20,6 +20,8 @@ __all__ = ["Scale", "bands", "heat_maps", "histogram", "scatter"]
 
 #: Cells that still have room for their number, and for a tick.
 WRITTEN, TICKS = 12, 10
+#: Share of a picture's width that a mark's words take.
+TOUCH = 0.06
 #: Values whose range is a smaller share of themselves are alike.
 ALIKE = 0.05
 #: Points that a scatter shows; more would only be ink.
@@ -164,11 +166,19 @@ def histogram(values: Array, *, metric: str, marks: Sequence[tuple[float, str]])
     else:
         bins = min(60, max(8, round(np.sqrt(finite.size))))
     axes.hist(finite, bins=bins, color=plot.COLOURS[0], alpha=0.75)
+    left, right = axes.get_xlim()
+    written: list[tuple[float, list[str]]] = []  # marks that nearly touch share their words
     for at, name in marks:
-        if np.isfinite(at):
-            axes.axvline(at, color="0.25", linewidth=1.0, linestyle=":")
-            axes.annotate(name, (at, 1.0), xycoords=("data", "axes fraction"), fontsize=8, color="0.25",
-                          xytext=(2, 1), textcoords="offset points")  # fmt: skip
+        if not np.isfinite(at):
+            continue
+        axes.axvline(at, color="0.25", linewidth=1.0, linestyle=":")
+        if written and at - written[-1][0] < TOUCH * (right - left):
+            written[-1][1].append(name)
+        else:
+            written.append((at, [name]))
+    for at, names in written:
+        axes.annotate(", ".join(names), (at, 1.0), xycoords=("data", "axes fraction"), fontsize=8, color="0.25",
+                      xytext=(2, 1), textcoords="offset points")  # fmt: skip
     axes.set_xlabel(metric, fontsize=9)
     axes.set_ylabel("runs", fontsize=9)
     return figure

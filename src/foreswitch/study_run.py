@@ -315,7 +315,7 @@ def _on_cluster(plan: Plan, split: Callable[[int], Sequence[Piece]], address: st
                 yield piece, result
         except KilledWorker:
             raise WorkersLost(
-                f"workers of {address!r} died with one chunk again and again; look in their logs for what ends them, such as "
+                f"workers of {address!r} died with one chunk again and again; look in their logs for the cause, such as "
                 "too little memory, then call again with the same out to continue"
             ) from None
         except (CancelledError, CommClosedError):

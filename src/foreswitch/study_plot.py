@@ -80,8 +80,8 @@ def bands(
     _limits(axes, low if repeats > 1 else middle, high if repeats > 1 else middle)
     axes.set_xlabel(scale.name, fontsize=9)
     axes.set_ylabel(metric, fontsize=9)
-    if repeats > 1:
-        axes.legend(fontsize=8, frameon=False)
+    if repeats > 1:  # above the picture, where nothing is drawn
+        axes.legend(fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     return figure
 
 

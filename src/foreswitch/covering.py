@@ -6,7 +6,8 @@ largest in a corner. All corners of all parts are intersections of bisectors of 
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, product
+from typing import Any
 
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
@@ -14,6 +15,8 @@ from scipy.spatial import Delaunay, QhullError
 from foreswitch._check import Array
 
 __all__ = ["LARGEST", "Covering"]
+
+Flags = np.ndarray[Any, np.dtype[np.bool_]]
 
 #: Dimensions up to which corners are enumerated.
 LARGEST = 3
@@ -28,17 +31,33 @@ class Covering:
     ----------
     points : ndarray, shape (p, r)
         r up to `LARGEST`.
+    faces : ndarray, shape (r, r)
+        Invertible; regions are ``low <= faces x <= high``.
     """
 
-    def __init__(self, points: Array) -> None:
+    def __init__(self, points: Array, faces: Array) -> None:
         size = max(float(np.ptp(points, axis=0).max()), 1e-300)
         _, first = np.unique(np.round(points / size, 12), axis=0, return_index=True)
-        self.points, self._dimension = points[np.sort(first)], points.shape[1]
+        self.points, self.faces, r = points[np.sort(first)], faces, points.shape[1]
+        self._dimension = r
         pairs = self._neighbours()
         a, b = self.points[pairs[:, 0]], self.points[pairs[:, 1]]
-        self._normals, self._offsets = b - a, 0.5 * (np.square(b) - np.square(a)).sum(axis=1)
-        own = np.array(list(combinations(range(len(pairs)), self._dimension)), dtype=np.int64)
-        self._fixed = _meet(self._normals[own], self._offsets[own]) if own.size else np.zeros((0, self._dimension))
+        normals, offsets = b - a, 0.5 * (np.square(b) - np.square(a)).sum(axis=1)
+        #: Corners of bisectors alone, with their distances; then of some bisectors with some faces, per such choice.
+        self._corners: Array = np.zeros((0, r))
+        self._distances: Array = np.zeros(0)
+        self._mixed: list[tuple[Array, Array, tuple[int, ...]]] = []
+        for own in range(r + 1):
+            subsets = list(combinations(range(len(pairs)), own))
+            chosen = np.array(subsets, dtype=np.int64).reshape(len(subsets), own)
+            for sides in combinations(range(r), r - own):
+                beside = np.broadcast_to(faces[list(sides)], (len(chosen), r - own, r))
+                inverse, meet = _solvers(np.concatenate([normals[chosen], beside], axis=1))
+                if own < r:
+                    self._mixed.append((inverse, offsets[chosen][meet], sides))
+                elif len(chosen):
+                    self._corners = (inverse @ offsets[chosen][meet][:, :, None])[:, :, 0]
+                    self._distances = self.nearest(self._corners)
 
     def _neighbours(self) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
         """Pairs whose bisector may bound a part, (k, 2): of a triangulation, or all."""
@@ -66,45 +85,31 @@ class Covering:
         result: Array = np.sqrt(best)
         return result
 
-    def farthest(self, faces: Array, low: Array, high: Array) -> float:
-        """Largest such distance over ``low <= faces x <= high``.
+    def farthest(self, low: Array, high: Array) -> float:
+        """Largest such distance over ``low <= faces x <= high``, (r,) each."""
+        slack = 1e-9 * (1.0 + np.maximum(np.abs(low), np.abs(high)))
 
-        Parameters
-        ----------
-        faces : ndarray, shape (r, r)
-            Invertible.
-        low, high : ndarray, shape (r,)
+        def inside(places: Array) -> Flags:
+            at = places @ self.faces.T
+            result: np.ndarray[tuple[int], np.dtype[np.bool_]] = ((at >= low - slack) & (at <= high + slack)).all(
+                axis=1
+            )
+            return result
 
-        Returns
-        -------
-        float
-        """
-        r, places = self._dimension, [self._fixed]
-        for own in range(r):  # bisectors that meet in the corner, beside faces
-            subsets = list(combinations(range(len(self._normals)), own))
-            chosen = np.array(subsets, dtype=np.int64).reshape(len(subsets), own)
-            for sides in combinations(range(r), r - own):
-                for bits in range(2 ** (r - own)):
-                    level = [(high if bits >> i & 1 else low)[side] for i, side in enumerate(sides)]
-                    repeat = len(chosen)
-                    normals = np.concatenate(
-                        [self._normals[chosen], np.broadcast_to(faces[list(sides)], (repeat, r - own, r))], axis=1
-                    )
-                    offsets = np.concatenate([self._offsets[chosen], np.broadcast_to(level, (repeat, r - own))], axis=1)
-                    places.append(_meet(normals, offsets))
-        every = np.concatenate(places)
-        at, slack = every @ faces.T, 1e-9 * (1.0 + np.maximum(np.abs(low), np.abs(high)))
-        inside = ((at >= low - slack) & (at <= high + slack)).all(axis=1)
-        return float(self.nearest(every[inside]).max())
+        best = float(self._distances[inside(self._corners)].max(initial=0.0))
+        for inverse, offsets, sides in self._mixed:
+            for ends in product(*((low[side], high[side]) for side in sides)):
+                right = np.concatenate([offsets, np.broadcast_to(ends, (len(offsets), len(sides)))], axis=1)
+                places = (inverse @ right[:, :, None])[:, :, 0]
+                best = max(best, float(self.nearest(places[inside(places)]).max(initial=0.0)))
+        return best
 
 
-def _meet(normals: Array, offsets: Array) -> Array:
-    """Where r planes meet, (k, r), of (k, r, r) normals; parallel ones are left out."""
+def _solvers(normals: Array) -> tuple[Array, Flags]:
+    """Inverses of those (k, r, r) normals whose planes meet in a point, and which those are."""
     length = np.linalg.norm(normals, axis=2, keepdims=True)
-    unit = normals / length
-    crossing = np.abs(np.linalg.det(unit)) > PARALLEL
-    result: Array = np.linalg.solve(unit[crossing], (offsets / length[:, :, 0])[crossing][:, :, None])[:, :, 0]
-    return result
+    meet: Flags = np.asarray(np.abs(np.linalg.det(normals / length)) > PARALLEL)
+    return np.linalg.inv(normals[meet]), meet
 
 
 def _circumsphere(corners: Array) -> tuple[Array, float]:

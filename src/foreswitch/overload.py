@@ -22,6 +22,9 @@ from foreswitch.peak_gain import Recursion, Unsettled
 
 __all__ = ["Argument", "Quantiser"]
 
+#: Lowest and highest of several numbers.
+Range = tuple[Array, Array]
+
 #: Poles of the plant up to here count as 1, and modes closer than this as one.
 UNIT, APART = 1.0 + 1e-9, 1e-6
 #: An ideal input counts as within a range that it leaves by less than this share of the levels' span.
@@ -29,7 +32,9 @@ EDGE = 1e-9
 #: Rounds in which the radius may grow until the induction closes, and by how much beyond what it needs.
 ROUNDS, GROWTH = 40, 1.01
 #: Halvings in the search for the largest range.
-HALVINGS = 24
+HALVINGS = 14
+#: A bound that is so many times as large as the tightest is worth a wider range.
+WIDER = 1.5
 #: An ideal input that leaves the range for a while may enlarge the radius by this share.
 GRACE = 0.5
 
@@ -85,8 +90,12 @@ class Quantiser:
         """
         found = self._modulator(errors, wanted) if self.loop.plant.inputs == 1 else self._covered(errors, wanted)
         with np.errstate(over="ignore", invalid="ignore"):  # absurd errors: no argument then, NaN compares as false
-            some = [each for each in found if (each.low <= each.high + EDGE * self.span).all()]
-        return sorted((each for each in some if np.isfinite(each.radius)), key=lambda each: each.radius)
+            some = [a for a in found if (a.low <= a.high + EDGE * self.span).all() and np.isfinite(a.radius)]
+        best: list[Argument] = []
+        for each in sorted(some, key=lambda a: a.radius):
+            if each.excursion or not any(a.covers(np.vstack([each.low, each.high]), self.span) for a in best):
+                best.append(each)
+        return best
 
     def prove(self, errors: Errors, wanted: Array | None = None) -> Argument | None:
         """The tightest argument for an ideal input, or at all."""
@@ -169,49 +178,69 @@ class Quantiser:
         loop = self.loop
         if loop.rank > LARGEST:
             return
-        if self._covering is None:
-            self._covering = Covering(loop.commands @ loop.metric.T)
         # the region is a box in u where every direction of u is quantised, else a box in p
-        whole = loop.rank == loop.plant.inputs
-        faces = loop.inverse if whole else np.eye(loop.rank)
+        faces = loop.inverse if loop.rank == loop.plant.inputs else np.eye(loop.rank)
+        if self._covering is None:
+            self._covering = Covering(loop.commands @ loop.metric.T, faces)
         rows = faces @ loop.metric @ loop.gain
-        own = loop.recursion.sums(rows, loop.gamma @ loop.inverse, norm=2)
         noise = choice_error(loop, errors) + loop.windows.misjudged(loop.metric @ loop.gain, errors)
-        drift = loop.model_reach(rows, errors) + np.abs(faces) @ noise
-        extra = float(np.linalg.norm(noise + np.abs(loop.metric) @ loop.windows.surplus(errors)))
-        levels = loop.controller.levels
+        region = Region(
+            self._covering,
+            loop.recursion.sums(rows, loop.gamma @ loop.inverse, norm=2),
+            loop.model_reach(rows, errors) + np.abs(faces) @ noise,
+            self.price,
+            float(np.linalg.norm(noise + np.abs(loop.metric) @ loop.windows.surplus(errors))),
+        )
+        image = faces @ loop.metric
         if wanted is not None:
             box = wanted.min(axis=0), wanted.max(axis=0)
-            radius = self._closed(faces, *_image(faces @ loop.metric, *box), own, drift, extra)
+            radius = region.closes(*_image(image, *box))
             if radius is not None:
                 yield Argument(*box, radius)
             return
+        levels = loop.controller.levels
         ends = np.array([v[0] for v in levels]), np.array([v[-1] for v in levels])
         centre, half = 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0])
 
-        def at(share: float) -> Argument | None:
-            box = centre - share * half, centre + share * half
-            radius = self._closed(faces, *_image(faces @ loop.metric, *box), own, drift, extra)
-            return None if radius is None else Argument(*box, radius)
+        def box_of(share: float) -> Range:
+            return centre - share * half, centre + share * half
 
-        best, least, most = at(0.0), 0.0, 1.0
-        if best is None:
+        radius = region.closes(*_image(image, *box_of(0.0)))
+        if radius is None:
             return
-        for _ in range(HALVINGS):
-            share = 0.5 * (least + most)
-            found = at(share)
-            best, least, most = (found, share, most) if found else (best, least, share)
-        assert best is not None
-        yield best
+        # as wide as the tightest radius allows, or the one that the levels' hull asks for, and half as much again
+        tight = max(radius, region.needs(*_image(image, *ends), 0.0, fixed=True))
+        for tried in {radius, tight, WIDER * tight}:
+            least, most = (0.0, 1.0) if region.needs(*_image(image, *box_of(0.0)), tried) <= tried else (0.0, 0.0)
+            for _ in range(HALVINGS if most else 0):
+                share = 0.5 * (least + most)
+                fits = region.needs(*_image(image, *box_of(share)), tried) <= tried
+                least, most = (share, most) if fits else (least, share)
+            if least > 0.0 or tried == radius:
+                yield Argument(*box_of(least), tried)
 
-    def _closed(self, faces: Array, low: Array, high: Array, own: Array, drift: Array, extra: float) -> float | None:
-        """The radius at which the induction closes, or None."""
-        assert self._covering is not None
+
+@dataclass(frozen=True)
+class Region:
+    """How the region of the unquantised choice grows with the quantiser's error, and the error with the region."""
+
+    covering: Covering
+    own: Array  # of the region's half widths, per unit of the radius
+    drift: Array  # of them besides
+    price: float
+    extra: float  # of the radius, besides
+
+    def needs(self, low: Array, high: Array, radius: float, *, fixed: bool = False) -> float:
+        """The radius that an ideal input in a box asks for, given one; ``fixed``: over the box itself."""
+        reach = 0.0 * self.own if fixed else self.own * radius + self.drift
+        distance = self.covering.farthest(low - reach, high + reach)
+        return float(np.hypot(distance, np.sqrt(2.0 * self.price))) + self.extra
+
+    def closes(self, low: Array, high: Array) -> float | None:
+        """A radius that asks for no more than itself, or None."""
         radius = 0.0
         for _ in range(ROUNDS):
-            reach = own * radius + drift
-            distance = self._covering.farthest(faces, low - reach, high + reach)
-            needed = float(np.hypot(distance, np.sqrt(2.0 * self.price))) + extra
+            needed = self.needs(low, high, radius)
             if needed <= radius:
                 return radius
             radius = needed * GROWTH if radius else needed

@@ -91,10 +91,8 @@ class Covering:
 
         def inside(places: Array) -> Flags:
             at = places @ self.faces.T
-            result: np.ndarray[tuple[int], np.dtype[np.bool_]] = ((at >= low - slack) & (at <= high + slack)).all(
-                axis=1
-            )
-            return result
+            between: Flags = np.logical_and.reduce((at >= low - slack) & (at <= high + slack), axis=1)
+            return between
 
         best = float(self._distances[inside(self._corners)].max(initial=0.0))
         for inverse, offsets, sides in self._mixed:
@@ -108,7 +106,7 @@ class Covering:
 def _solvers(normals: Array) -> tuple[Array, Flags]:
     """Inverses of those (k, r, r) normals whose planes meet in a point, and which those are."""
     length = np.linalg.norm(normals, axis=2, keepdims=True)
-    meet: Flags = np.asarray(np.abs(np.linalg.det(normals / length)) > PARALLEL)
+    meet: Any = np.abs(np.linalg.det(normals / length)) > PARALLEL
     return np.linalg.inv(normals[meet]), meet
 
 

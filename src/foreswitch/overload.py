@@ -109,7 +109,7 @@ class Quantiser:
         A gain on the mode with pole p that brings it to 0 at once leaves ``|p| <= 1`` times the latest error: then even
         an ideal input at the end of the levels overloads nothing.
         """
-        loop, values = self.loop, self.loop.controller.levels[0]
+        loop, values = self.loop, np.unique(self.loop.commands[:, 0])  # but forbidden ones
         scale = float(np.abs(loop.metric[0, 0]))
         half = 0.5 * float(np.diff(values).max())
         surplus = float(loop.windows.surplus(errors)[0])

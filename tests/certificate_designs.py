@@ -6,7 +6,8 @@ import foreswitch as fsw
 from systems import quiet
 
 KINDS = ("stable", "integrator", "double integrator", "oscillator", "unstable")
-SHAPES = ((1, 1), (1, 1), (1, 1), (1, 1), (2, 2), (2, 1), (1, 2), (3, 3), (3, 2))  # inputs, outputs
+#: Inputs and outputs, and how often.
+SHAPES = {(1, 1): 0.5, (2, 2): 0.18, (2, 1): 0.1, (1, 2): 0.15, (3, 3): 0.02, (3, 2): 0.05}
 
 
 def modes(rng, kind, order):
@@ -33,7 +34,7 @@ def draw(seed):
     """A controller, or None where there is none, with its kind and the errors to be borne."""
     rng = np.random.default_rng(seed)
     kind = KINDS[seed % len(KINDS)]
-    m, q = SHAPES[rng.integers(len(SHAPES))]
+    m, q = list(SHAPES)[rng.choice(len(SHAPES), p=list(SHAPES.values()))]
     order = int(rng.integers(max(2 if kind in ("double integrator", "oscillator") else 1, min(m, q)), 5))
     Ts = float(np.exp(rng.uniform(np.log(1e-3), np.log(2.0))))
     A = modes(rng, kind, order) / Ts
@@ -42,6 +43,8 @@ def draw(seed):
         turn = np.eye(order)
     back = np.linalg.inv(turn)
     B, C = rng.normal(size=(order, m)) * np.exp(rng.normal(size=m)), rng.normal(size=(q, order))
+    if m > 1 and order >= max(m, q) and rng.uniform() < 0.7:  # outputs that the inputs command one by one, or nearly
+        C = np.linalg.lstsq(B.T, (np.eye(q, m) + 0.2 * rng.normal(size=(q, m))).T, rcond=None)[0].T
     A, B, C = turn @ A @ back, turn @ B / Ts, C @ back
     if m == q == 1 and rng.uniform() < 0.5:  # no zeros
         row = np.linalg.lstsq(
@@ -57,9 +60,9 @@ def draw(seed):
     plant = fsw.Plant(A, B, C, input_delay=tau, u_offset=u_offset, y_offset=rng.choice([0.0, 5.0], q))
     levels = []
     for _ in range(m):
-        count = int(rng.choice([2, 2, 3, 3, 5, 9] if m == 1 else [2, 3, 3, 4] if m == 2 else [2, 2, 2, 3]))
-        values = np.arange(count) - rng.choice([0.0, 0.5 * (count - 1)])
-        levels.append(values if rng.uniform() < 0.6 else np.cumsum(rng.uniform(0.3, 1.5, count)) - 0.4 * count)
+        count = int(rng.choice([2, 2, 3, 3, 5, 9] if m == 1 else [2, 3, 3, 4] if m == 2 else [2, 2, 2]))
+        values = np.arange(count) - (0.5 * (count - 1) if m > q else rng.choice([0.0, 0.5 * (count - 1)]))
+        levels.append(values if m > q or rng.uniform() < 0.6 else np.cumsum(rng.uniform(0.3, 1.5, count)) - 0.4 * count)
     forbidden = []
     if rng.uniform() < 0.15 and np.prod([len(v) for v in levels]) > 3:
         forbidden = [[float(rng.choice(v)) for v in levels]]

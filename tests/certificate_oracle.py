@@ -348,7 +348,7 @@ def within(rival, ideal, low, high):
 
 
 def attack(controller, low, high, *, noise=0.0, delay_error=0.0, gain_error=0.0, load=0.0, seed=0, periods=None, lanes=64,
-           rounds=3, truths=8, outputs=None):  # fmt: skip
+           rounds=3, truths=8, outputs=None, given=None):  # fmt: skip
     """Largest deviation of each output that was found, (q,); None if no ideal input fits the range.
 
     Within [low, high], (m,), with everything else at most so large.
@@ -356,11 +356,11 @@ def attack(controller, low, high, *, noise=0.0, delay_error=0.0, gain_error=0.0,
     rng = np.random.default_rng(seed)
     m = controller.plant.inputs
     late, more, loads = (np.broadcast_to(np.asarray(v, float), (m,)) for v in (delay_error, gain_error, load))
-    corners = np.zeros((1, 2, m))
-    if late.any() or more.any():
+    corners = np.zeros((1, 2, m)) if given is None else np.asarray(given)
+    if given is None and (late.any() or more.any()):
         corners = rng.choice([-1.0, 1.0], (truths, 2, m)) * np.array([late, more])
         corners[: min(4, truths)] = np.array([[s * late, t * more] for s, t in product((-1, 1), (-1, 1))])[:truths]
-        corners[-2:] *= rng.uniform(0, 1, (2, 2, m))
+        corners[truths // 2 :] *= rng.uniform(0, 1, (truths - truths // 2, 2, m))  # the worst need not be an end
         corners[:, 0] = np.maximum(corners[:, 0], -controller.plant.input_delay)
     rival = Rival(controller, corners)
     T, q = len(corners), rival.q
@@ -370,7 +370,11 @@ def attack(controller, low, high, *, noise=0.0, delay_error=0.0, gain_error=0.0,
     length = 16
     while True:  # until the response to one error is over
         H = rival.impulses(length)
-        if length >= 512 or np.abs(H[0][-length // 4 :]).sum(axis=0).max() < 1e-3 * np.abs(H[0]).sum(axis=0).max():
+        if (
+            length >= 512
+            or np.abs(H[0][-1]).max() > 1e3 * np.abs(H[0][:8]).max()
+            or np.abs(H[0][-length // 4 :]).sum(axis=0).max() < 1e-3 * np.abs(H[0]).sum(axis=0).max()
+        ):
             break
         length *= 2
     K = periods or int(np.clip(3 * length, 64, 400))

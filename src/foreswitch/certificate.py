@@ -164,7 +164,7 @@ class Certificate:
     def _judge(self, loop: ErrorLoop, quantiser: Quantiser) -> None:
         if not loop.settles:
             raise Unsettled
-        if refusal := verdict.gated(loop, self.errors):
+        if refusal := verdict.gated(loop, self.errors) or verdict.misled(loop, self.course):
             self.reasons = [refusal]
             return
         wanted = None

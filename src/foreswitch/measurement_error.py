@@ -14,7 +14,10 @@ if TYPE_CHECKING:
     from foreswitch.error_loop import ErrorLoop
     from foreswitch.misprediction import Errors
 
-__all__ = ["choice_error", "innovation_reach", "passes_gate"]
+__all__ = ["choice_error", "innovation_reach", "passes_gate", "starts_at"]
+
+#: A first estimate may be wrong by what moves the choice by this share of the levels' span.
+SAME = 1e-9
 
 
 def choice_error(loop: ErrorLoop, errors: Errors) -> Array:
@@ -50,6 +53,32 @@ def passes_gate(loop: ErrorLoop, errors: Errors) -> bool:
         return True
     reach = innovation_reach(loop, errors)
     return bool(reach @ np.abs(kalman.gate) @ reach <= 1.0)
+
+
+def starts_at(loop: ErrorLoop, x0: Array) -> bool:
+    """Whether the first estimate, noise aside, is the plant's state; without an estimator it is."""
+    controller, plant = loop.controller, loop.plant
+    kalman, model = controller.kalman, controller._model
+    if kalman is None:
+        return True
+    wrong, w = np.zeros(plant.states + kalman.loads), np.zeros(model.disturbance.shape[1])
+    wrong[: plant.states] = kalman.start_row @ (plant.C @ x0 + plant.y_offset) + kalman.start_offset - x0
+    known = np.zeros(plant.states)
+    if controller._core.estimate(known, w):  # of the period before
+        issued = controller._history()
+        wrong[: plant.states] = model.transition @ known + model.disturbance @ w + model.drift - x0
+        for j, age in enumerate(model.delay):
+            wrong[: plant.states] += model.old[j] * issued[-age - 1, j]
+            if age:
+                wrong[: plant.states] += model.new[j] * issued[-age, j]
+        wrong[plant.states :] = w[plant.disturbances :]
+    A, _, keep = _estimator(loop)
+    recursion = Recursion(keep @ A)
+    reach = max(
+        float((recursion.sums(rows, wrong[:, None])[:, 0] / (np.abs(loop.metric) @ loop.windows.half_span)).max())
+        for rows in _with_loads(loop, -loop.metric @ loop.choice @ loop.law.rows.state)
+    )
+    return reach <= SAME
 
 
 def _with_loads(loop: ErrorLoop, state: Array) -> list[Array]:

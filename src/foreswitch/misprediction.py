@@ -19,8 +19,10 @@ from foreswitch.prediction import transition
 
 __all__ = ["Errors", "Windows"]
 
-#: A wrong dead time is tried at so many values on each side.
-TRIED = 2
+#: A wrong dead time is tried at so many values on each side at least, and with an oscillation so closely [rad].
+TRIED, CLOSELY = 2, 0.25
+#: What it does between two of them, as a share of what it does at the worse.
+BETWEEN = 1.01
 
 
 @dataclass(frozen=True)
@@ -63,21 +65,29 @@ class Windows:
         #: Largest distance of each input from the middle of its levels, and from its offset.
         self.half_span = np.array([0.5 * (v[-1] - v[0]) for v in levels])
         self.far = np.array([np.abs(v - o).max() for v, o in zip(levels, plant.u_offset, strict=True)])
+        self._turning = float(np.abs(plant.poles.imag).max())
         self._carried = lru_cache(maxsize=4096)(lambda t: expm(plant.A * t))
         self._held = lru_cache(maxsize=4096)(lambda j, t: transition(plant.A, plant.B[:, j : j + 1], t)[1][:, 0])
 
     def delay_errors(self, j: int, errors: Errors) -> Array:
         """Errors of dead time j to be tried, the true dead time being at least 0."""
         e = float(errors.delay[j])
-        return np.unique(np.maximum(np.linspace(-e, e, 2 * TRIED + 1), -self.tau[j])) if e > 0 else np.zeros(1)
+        if e == 0:
+            return np.zeros(1)
+        tried = max(TRIED, int(np.ceil(min(self._turning * e, np.pi) / CLOSELY)))
+        return np.unique(np.maximum(np.linspace(-e, e, 2 * tried + 1), -self.tau[j]))
+
+    def tells_apart(self, errors: Errors) -> bool:
+        """Whether wrong dead times are less than half a turn of any oscillation: by a whole one they would seem right."""
+        return bool((self._turning * errors.delay <= np.pi).all())
 
     def weights(self, j: int, errors: Errors) -> tuple[float, float]:
         """Sizes of a command of input j for a wrong dead time, and for a wrong gain or a load."""
-        return float(self.half_span[j] * (1.0 + errors.gain[j])), float(self.surplus(errors)[j])
+        return float(BETWEEN * self.half_span[j] * (1.0 + errors.gain[j])), float(self.surplus(errors)[j])
 
     def surplus(self, errors: Errors) -> Array:
         """Largest part of each acting input that the law does not know of, (m,)."""
-        return self.far * errors.gain + errors.load
+        return self.far * errors.gain + errors.load * (1.0 + errors.gain)
 
     def effect(self, j: int, start: float, end: float, at: float) -> Array:
         """What a unit of input j over [start, end] leaves in x at an instant, (n,); at an earlier one: as carried back."""

@@ -31,6 +31,8 @@ UNIT, APART = 1.0 + 1e-9, 1e-6
 EDGE = 1e-9
 #: Rounds in which the radius may grow until the induction closes, and by how much beyond what it needs.
 ROUNDS, GROWTH = 40, 1.01
+#: The radius is sought from what the levels' hull asks for, by so much, on.
+LEAST = 8.0
 #: Halvings in the search for the largest range.
 HALVINGS = 14
 #: A bound that is so many times as large as the tightest is worth a wider range.
@@ -88,6 +90,8 @@ class Quantiser:
         With several inputs the radius grows with the range, so there is one argument: for the wanted range, else for the
         widest that is centred in the levels' hull.
         """
+        if not self.loop.windows.tells_apart(errors):
+            return []
         found = self._modulator(errors, wanted) if self.loop.plant.inputs == 1 else self._covered(errors, wanted)
         with np.errstate(over="ignore", invalid="ignore"):  # absurd errors: no argument then, NaN compares as false
             some = [a for a in found if (a.low <= a.high + EDGE * self.span).all() and np.isfinite(a.radius)]
@@ -117,7 +121,7 @@ class Quantiser:
         wrong = float(choice_error(loop, errors)[0]) / scale + float(loop.windows.misjudged(loop.gain, errors)[0])
         direct = float(np.hypot(half, np.sqrt(price))) + wrong + surplus
         # what the lowest and the highest level may really be
-        offset, load = loop.plant.u_offset[0], errors.load[0]
+        offset, load = loop.plant.u_offset[0], errors.load[0] * (1.0 + errors.gain[0])
         lowest = float(values[0] + errors.gain[0] * abs(values[0] - offset) + load)
         highest = float(values[-1] - errors.gain[0] * abs(values[-1] - offset) - load)
         # without a price on switching, overload is told by what really acts, which noise does not change
@@ -192,24 +196,25 @@ class Quantiser:
             float(np.linalg.norm(noise + np.abs(loop.metric) @ loop.windows.surplus(errors))),
         )
         image = faces @ loop.metric
+        levels = loop.controller.levels
+        ends = np.array([v[0] for v in levels]), np.array([v[-1] for v in levels])
+        usual = region.needs(*_image(image, *ends), 0.0, fixed=True)
         if wanted is not None:
             box = wanted.min(axis=0), wanted.max(axis=0)
-            radius = region.closes(*_image(image, *box))
+            radius = region.closes(*_image(image, *box), usual / LEAST)
             if radius is not None:
                 yield Argument(*box, radius)
             return
-        levels = loop.controller.levels
-        ends = np.array([v[0] for v in levels]), np.array([v[-1] for v in levels])
         centre, half = 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0])
 
         def box_of(share: float) -> Range:
             return centre - share * half, centre + share * half
 
-        radius = region.closes(*_image(image, *box_of(0.0)))
+        radius = region.closes(*_image(image, *box_of(0.0)), usual / LEAST)
         if radius is None:
             return
         # as wide as the tightest radius allows, or the one that the levels' hull asks for, and half as much again
-        tight = max(radius, region.needs(*_image(image, *ends), 0.0, fixed=True))
+        tight = max(radius, usual)
         for tried in {radius, tight, WIDER * tight}:
             least, most = (0.0, 1.0) if region.needs(*_image(image, *box_of(0.0)), tried) <= tried else (0.0, 0.0)
             for _ in range(HALVINGS if most else 0):
@@ -236,14 +241,14 @@ class Region:
         distance = self.covering.farthest(low - reach, high + reach)
         return float(np.hypot(distance, np.sqrt(2.0 * self.price))) + self.extra
 
-    def closes(self, low: Array, high: Array) -> float | None:
-        """A radius that asks for no more than itself, or None."""
-        radius = 0.0
+    def closes(self, low: Array, high: Array, least: float) -> float | None:
+        """A radius that asks for no more than itself, or None; sought from the least on: a box at a level asks for none."""
+        radius = least
         for _ in range(ROUNDS):
             needed = self.needs(low, high, radius)
             if needed <= radius:
                 return radius
-            radius = needed * GROWTH if radius else needed
+            radius = needed * GROWTH
         return None
 
 

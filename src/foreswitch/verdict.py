@@ -13,7 +13,7 @@ from foreswitch.controller import Controller
 from foreswitch.covering import LARGEST
 from foreswitch.error_loop import ErrorLoop
 from foreswitch.ideal import Course
-from foreswitch.measurement_error import innovation_reach, passes_gate
+from foreswitch.measurement_error import innovation_reach, passes_gate, starts_at
 from foreswitch.misprediction import Errors
 from foreswitch.objective import Endpoint
 from foreswitch.overload import Argument, Quantiser
@@ -26,6 +26,7 @@ __all__ = [
     "gated",
     "grounds",
     "intervals",
+    "misled",
     "numbers",
     "overloaded",
     "resolution",
@@ -94,6 +95,16 @@ def gated(loop: ErrorLoop, errors: Errors) -> str:
     return (
         f"The errors move the innovation by up to {numbers(innovation_reach(loop, errors))}, beyond the estimator's gate, "
         "and a filter that leaves out samples is not covered; widen gate, raise measurement_noise, or set gate = 0"
+    )
+
+
+def misled(loop: ErrorLoop, course: Course | None) -> str:
+    """Why the estimator does not begin where the plant does; empty where it does."""
+    if course is None or starts_at(loop, course.x0):
+        return ""
+    return (
+        f"The estimator takes the first measurement for a state at rest, or begins where it was told, and x0 = "
+        f"{numbers(course.x0)} is not there; begin at rest, or tell the state by reset(estimate=)"
     )
 
 
@@ -190,6 +201,8 @@ def grounds(loop: ErrorLoop, argument: Argument, wanted: Array | None) -> list[s
             result[-1] += (
                 f", which it leaves for a while at the price of {100.0 * argument.excursion:.2g} % of the bound"
             )
+    if loop.controller.kalman is not None:
+        result.append("The estimator begins at the plant's state: at rest, or told by reset(estimate=)")
     law = loop.controller._law
     if law.rest is not None and not law.rest.exact:
         result.append(

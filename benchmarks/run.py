@@ -11,29 +11,31 @@ import sys
 import time
 from importlib import import_module
 
-TIMES = ("closed_loop", "python_step", "denormals", "batch", "horizon")
-COUNTS = ("counts", "targets_counts")
+TIMES = ("closed_loop", "python_step", "denormals", "batch", "horizon", "study")
+COUNTS = ("counts", "targets_counts", "certificate")
+#: Those that take a share of their work, and all of it with `--full`.
+SHORTENED = ("study", "certificate")
 #: Seconds to wait before each try of a benchmark: the neighbour may have finished by then.
 TRIES = (0.0, 2.0, 10.0)
 MISSED = 3  # exit code of one benchmark; any other failure is a defect
 
 
-def one(name: str) -> int:
+def one(name: str, full: bool) -> int:
     """Print the rows of one benchmark."""
     from table import line
 
     passed = True
-    for row in import_module(name).rows():
+    for row in import_module(name).rows(*([full] if name in SHORTENED else [])):
         print(line(row), flush=True)
         passed &= row.passed
     return 0 if passed else MISSED
 
 
-def attempt(name: str) -> int:
+def attempt(name: str, full: bool) -> int:
     """A process for one benchmark, again while it misses a limit; its last rows are printed."""
     # numpy reads them when it is imported
     single = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMEXPR")}
-    command = [sys.executable, __file__, name]
+    command = [sys.executable, __file__, name, *(["--full"] if full else [])]
     for wait in TRIES:
         time.sleep(wait)
         result = subprocess.run(command, env=os.environ | single, capture_output=True, text=True)
@@ -43,12 +45,12 @@ def attempt(name: str) -> int:
     return result.returncode
 
 
-def every(strict: bool) -> int:
+def every(strict: bool, full: bool) -> int:
     """Print the table."""
     from table import HEAD
 
     print(HEAD, flush=True)
-    codes = {name: attempt(name) for name in TIMES + COUNTS}
+    codes = {name: attempt(name, full) for name in TIMES + COUNTS}
     late = [name for name in TIMES if codes[name] == MISSED]
     broken = [name for name, code in codes.items() if code and name not in late]
     if late:
@@ -58,5 +60,6 @@ def every(strict: bool) -> int:
 
 
 if __name__ == "__main__":
-    names = [argument for argument in sys.argv[1:] if argument != "--strict"]
-    sys.exit(one(names[0]) if names else every("--strict" in sys.argv))
+    names = [argument for argument in sys.argv[1:] if not argument.startswith("--")]
+    full = "--full" in sys.argv
+    sys.exit(one(names[0], full) if names else every("--strict" in sys.argv, full))

@@ -41,6 +41,7 @@ def test_demo_writes_report_pictures_and_traces(run, tmp_path):
     assert metrics["predictive, preview"]["rms_error"] == pytest.approx(3.0, abs=0.05)
     names = {path.name for path in (tmp_path / "demo").iterdir()}
     pictures = {"pulse_record", "pulse_average", "rig", "tracking", "dead_time", "decision", "cyclic", "comparison"}
+    pictures |= {"certificate"}
     assert {f"{picture}.{kind}" for picture in pictures for kind in ("png", "svg")} <= names
     assert sum(name.endswith(".csv") for name in names) == len(metrics) + 1 == 14
     report = (tmp_path / "demo/report.html").read_text()
@@ -146,6 +147,51 @@ def test_bad_wishes_for_a_fit_are_one_sentence(run, pulses, tmp_path, arguments,
 # simulate -------------------------------------------------------------------------------------------------------------
 
 
+def test_certify_proves_the_demos_rise_and_says_what_it_bears(run, project, tmp_path):
+    code, out, err = run("certify", project, "--out", "proof", "--json")
+    assert (code, err) == (0, "")
+    found = json.loads(out)
+    assert found == json.loads((tmp_path / "proof/certificate.json").read_text())
+    assert found["holds"]
+    assert found["error_bound"][0] == pytest.approx(8.70, abs=0.01)
+    assert found["ideal_input"][1][0] == pytest.approx(0.19, abs=0.01)
+    assert 0.0003 < found["margins"]["delay_error"][0] < 0.001
+    assert {path.name for path in (tmp_path / "proof").iterdir()} == {
+        "certificate.json", "certificate.png", "certificate.svg", "report.html",
+    }  # fmt: skip
+    assert (tmp_path / "proof/report.html").read_text().count("<svg") == 1
+
+
+def test_certify_takes_errors_and_bears_them_in_the_bound(run, project):
+    def bound(*options):
+        return json.loads(run("certify", project, "--json", *options)[1])["error_bound"][0]
+
+    exact = bound()
+    for options in (["--delay-error", "0.0003"], ["--gain-error", "0.05"], ["--noise", "1.0"], ["--load", "0.001"]):
+        assert bound(*options) > exact
+    assert bound("--noise", "1.0", "--noise", "0.0") < bound("--noise", "1.0", "--noise", "30.0")
+
+
+def test_what_is_not_proven_is_exit_code_1_with_the_reason(run, project, tmp_path):
+    path = tmp_path / project
+    path.write_text(path.read_text().replace("duration = 0.5 ", "duration = 0.05 "))
+    code, out, err = run("certify", project)
+    assert (code, err) == (1, "")
+    assert "Not proven. The reference needs an ideal input" in out
+    assert re.search(r"run through it at most 0\.\d+ times as fast", out)
+    code, out, _ = run("certify", project, "--json")
+    assert code == 1
+    assert json.loads(out)["error_bound"] == [None]
+
+
+def test_nothing_is_proven_around_a_valve_that_follows_the_output(run, project, tmp_path):
+    path = tmp_path / project
+    path.write_text(path.read_text().replace("# disturbance = {", "disturbance = {"))
+    code, _, err = run("certify", project)
+    assert code == 2
+    assert "[simulation.disturbance] is a valve that follows the output" in err
+
+
 def test_simulate_follows_the_users_own_reference(run, project, tmp_path):
     (tmp_path / "ref.csv").write_text("t,p\n0,0\n0.3,200\n")
     code, out, _ = run("simulate", project, "--reference", "ref.csv", "--out", "out", "--json")
@@ -222,7 +268,7 @@ def test_bad_usage_is_exit_code_2_and_one_line(run, project, tmp_path, arguments
     assert {path.name for path in tmp_path.iterdir()} == {"valve", "broken.toml"}
 
 
-@pytest.mark.parametrize("verb", ["demo", "init", "identify", "simulate", "compare"])
+@pytest.mark.parametrize("verb", ["demo", "init", "identify", "simulate", "compare", "study"])
 def test_every_verb_has_help_with_an_example(run, verb):
     code, out, _ = run(verb, "--help")
     assert code == 0

@@ -28,16 +28,35 @@ ORDER = [
         "structure",
         "response",
         "levels",
+        "peak_gain",
+        "covering",
+        "study_draw",
     },
-    {"hardware", "fitting", "horizon"},
+    {"hardware", "fitting", "horizon", "misprediction"},
     {"core", "estimate", "endpoint_design"},
     {"horizon_design"},
     {"controller", "run", "diagnosis", "record_plot"},
-    {"loop", "fit"},
-    {"batch", "baselines", "precision", "experiment", "identify", "design_header", "golden"},
+    {"loop", "fit", "error_loop"},
+    {
+        "batch",
+        "baselines",
+        "precision",
+        "experiment",
+        "identify",
+        "ideal",
+        "measurement_error",
+        "design_header",
+        "golden",
+    },
+    {"overload", "certificate_plot"},
+    {"margins"},
+    {"verdict"},
+    {"certificate"},
     {"project", "export"},
-    {"report", "draft", "fmu"},
-    {"compare", "demo"},
+    {"report", "draft", "study_plan", "fmu"},
+    {"compare", "demo", "study_run", "study_plot"},
+    {"study_store"},
+    {"study"},
     {"cli"},
 ]
 EXTENSIONS = {"_core_float32": "core", "_core_float64": "core", "_response": "response"}
@@ -83,7 +102,7 @@ def test_each_extension_module_has_one_module_that_touches_it(extension):
 
 def test_importing_the_package_needs_no_extra():
     """Optional libraries are imported where they are used."""
-    optional = {"control", "pandas", "pyarrow", "fmpy", "dask"}
+    optional = {"control", "pandas", "pyarrow", "fmpy", "dask", "distributed"}
     for module in MODULES:
         top = ast.parse((SOURCE / f"{module}.py").read_text()).body
         names = {alias.name.split(".")[0] for node in top if isinstance(node, ast.Import) for alias in node.names}

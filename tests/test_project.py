@@ -353,3 +353,16 @@ def test_baselines_do_not_estimate(content):
         project.build_baseline(fsw.baselines.Relay)
     with pytest.raises(ValueError, match="baselines measure the whole state"):
         project.tune(fsw.baselines.Relay, budget=2)
+
+
+def test_a_certificate_of_a_project_is_that_of_its_parts(content):
+    content = changed(content, "simulation", content["simulation"] | {"noise": [0.5, 10.0], "load": 1e-3})
+    project = Project(content)
+    proof = project.certify(delay_error=1e-4)
+    same = fsw.certify(
+        project.controller, reference=project.reference, duration=content["simulation"]["duration"], delay_error=1e-4,
+        noise=[2.0, 40.0], load=1e-3,
+    )  # fmt: skip
+    assert proof.holds == same.holds
+    assert proof.reasons == same.reasons
+    np.testing.assert_array_equal(proof.error_bound, same.error_bound)

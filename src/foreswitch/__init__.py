@@ -2,6 +2,7 @@
 
 from foreswitch import baselines
 from foreswitch.batch import Batch, simulate_batch
+from foreswitch.certificate import Certificate, certify
 from foreswitch.controller import Controller, Decision, Status
 from foreswitch.estimator import Kalman
 from foreswitch.experiment import PulseTest, propose_test
@@ -18,10 +19,13 @@ from foreswitch.precision import Precision, compare_precision
 from foreswitch.record import Record
 from foreswitch.reference import HalfSine, Ramp, Reference, Samples, Sine, Stack, Steps
 from foreswitch.run import Run
+from foreswitch.study import Study, study
+from foreswitch.study_draw import LogUniform, Normal, OneOf, Uniform
 
 __all__ = [
     "Batch",
     "Candidate",
+    "Certificate",
     "Controller",
     "Decision",
     "Endpoint",
@@ -31,7 +35,10 @@ __all__ = [
     "Hardware",
     "Horizon",
     "Kalman",
+    "LogUniform",
     "NonlinearPlant",
+    "Normal",
+    "OneOf",
     "Plant",
     "Precision",
     "PulseTest",
@@ -45,7 +52,10 @@ __all__ = [
     "Status",
     "Steps",
     "Stuck",
+    "Study",
+    "Uniform",
     "baselines",
+    "certify",
     "compare_precision",
     "export_c",
     "export_fmu",
@@ -53,4 +63,5 @@ __all__ = [
     "propose_test",
     "simulate",
     "simulate_batch",
+    "study",
 ]

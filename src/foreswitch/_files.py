@@ -6,8 +6,9 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
-__all__ = ["whole_folder", "write_whole"]
+__all__ = ["whole_file", "whole_folder", "write_whole"]
 
 
 def _mode(base: int) -> int:
@@ -17,19 +18,25 @@ def _mode(base: int) -> int:
     return base & ~umask
 
 
-def write_whole(path: str | Path, content: str | bytes) -> None:
-    """Write to a temporary neighbour, then rename it into place."""
+@contextmanager
+def whole_file(path: str | Path) -> Iterator[BinaryIO]:
+    """A temporary neighbour to write to, renamed into place when the block ends well, and gone when it does not."""
     target = Path(path)
-    data = content.encode() if isinstance(content, str) else content
     handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(data)
+            yield file
         os.chmod(name, _mode(0o666))
         os.replace(name, target)
     except BaseException:
         os.unlink(name)
         raise
+
+
+def write_whole(path: str | Path, content: str | bytes) -> None:
+    """Write to a temporary neighbour, then rename it into place."""
+    with whole_file(path) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from rich.table import Table
 
 from foreswitch._files import whole_folder, write_whole
 from foreswitch._text import nearest
+from foreswitch.certificate import Certificate
 from foreswitch.compare import compare as run_compare
 from foreswitch.compare import switching_rate, total_rms
 from foreswitch.demo import hot_gas_file, run_demo
@@ -33,6 +34,8 @@ from foreswitch.record import Record
 from foreswitch.reference import Samples
 from foreswitch.report import (
     candidate_table,
+    certificate_report,
+    certificate_section,
     fit_report,
     metric_table,
     parameter_table,
@@ -41,6 +44,9 @@ from foreswitch.report import (
     search_table,
 )
 from foreswitch.run import listed
+from foreswitch.study import Study, csv_rows
+from foreswitch.study import study as run_study
+from foreswitch.study_run import WorkersLost
 
 __all__ = ["main"]
 
@@ -55,6 +61,10 @@ app = typer.Typer(
 Out = Annotated[Path, typer.Option("--out", help="Folder to write to; made if missing.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for machines instead of a table.")]
 ProjectFile = Annotated[Path, typer.Argument(metavar="PROJECT.toml", help="Project file; see 'foreswitch init'.")]
+
+Reference = Annotated[
+    Path | None, typer.Option("--reference", help="CSV with a header row: time, then one column per output.")
+]
 
 
 def _version(wanted: bool) -> None:
@@ -74,7 +84,7 @@ def options(
 
 @app.command(epilog="Example: foreswitch demo --out demo")
 def demo(out: Out = Path("foreswitch-demo"), as_json: Json = False) -> None:
-    """Pulse test, model, controller and tracked trajectory on the hot-gas example, beside what people use today."""
+    """Pulse test, model, controller, trajectory and certificate on the hot-gas example, beside what people use today."""
     console = Console(stderr=True)
     begun = time.perf_counter()
     with whole_folder(out) as folder, console.status("hot gas") as status:
@@ -89,6 +99,7 @@ def demo(out: Out = Path("foreswitch-demo"), as_json: Json = False) -> None:
         summary = {name: listed(run.metrics()) for name, run in runs.items()}
         write_whole(folder / "metrics.json", _json(summary))
         write_whole(folder / "fit.json", _json(_fit_summary(result.fit)))
+        write_whole(folder / "certificate.json", _json(result.proof.summary()))
     if as_json:
         print(_json(summary), end="")
         return
@@ -96,6 +107,7 @@ def demo(out: Out = Path("foreswitch-demo"), as_json: Json = False) -> None:
     _print_table("The rig, identified and tracked", metric_table(result.rig, "kPa"))
     _print_table("Hot gas, half-period sinusoid", metric_table(result.tracking, "kPa"))
     _print_table("Tuned baselines, same task", metric_table({n: b.run for n, b in result.tuned.items()}, "kPa"))
+    _print_certificate("Certificate", result.proof)
     _print_table("Cyclic, with a proportional vent", metric_table(
         {f"{frequency:g} Hz": run for frequency, run in result.cyclic.items()}, "kPa"))  # fmt: skip
     print(f"{out / 'report.html'} and pictures, traces beside it ({time.perf_counter() - begun:.1f} s)")
@@ -205,9 +217,7 @@ def _fit_summary(fit: Fit) -> dict[str, Any]:
 @app.command(epilog="Example: foreswitch simulate project.toml --reference reference.csv --out run")
 def simulate(
     project: ProjectFile,
-    reference: Annotated[
-        Path | None, typer.Option("--reference", help="CSV with a header row: time, then one column per output.")
-    ] = None,
+    reference: Reference = None,
     duration: Annotated[
         float | None, typer.Option("--duration", help="Seconds; default the reference file's, else the project's.")
     ] = None,
@@ -217,10 +227,7 @@ def simulate(
     """Run a project's closed loop and report on it."""
     setup = Project.read(project)
     changes: dict[str, Any] = {} if duration is None else {"duration": duration}
-    followed = setup.reference
-    if reference is not None:
-        followed, end = Samples.read_csv_columns(reference, setup.plant.outputs)
-        changes.setdefault("duration", end)
+    followed = _followed(setup, reference, changes)
     run = setup.simulate(reference=followed, **changes)
     summary = listed(run.metrics())
     searched = isinstance(setup.controller.objective, Horizon)
@@ -239,6 +246,55 @@ def simulate(
         _print_table("Search", search_table({"this run": (run, setup.controller)}))
     if out is not None:
         print(f"{out / 'report.html'}, pictures and trace beside it")
+
+
+@app.command(epilog="Example: foreswitch certify project.toml --delay-error 0.0005 --gain-error 0.05 --out proof")
+def certify(
+    project: ProjectFile,
+    noise: Annotated[
+        list[float] | None,
+        typer.Option("--noise", help="Largest error of the measured values, one for all or one each; default 4 sigma."),
+    ] = None,
+    delay_error: Annotated[float, typer.Option("--delay-error", help="Largest error of the dead times [s].")] = 0.0,
+    gain_error: Annotated[float, typer.Option("--gain-error", help="Largest error of the gains, as a share.")] = 0.0,
+    load: Annotated[
+        float | None, typer.Option("--load", help="Largest unmeasured load; default the project's.")
+    ] = None,
+    reference: Reference = None,
+    duration: Annotated[
+        float | None, typer.Option("--duration", help="Seconds; default the reference file's, else the project's.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for report and picture.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Prove how far the output can lie from its ideal response, or say why not (exit code 1)."""
+    setup = Project.read(project)
+    changes: dict[str, Any] = {"delay_error": delay_error, "gain_error": gain_error}
+    changes |= {} if load is None else {"load": load}
+    changes |= {} if duration is None else {"duration": duration}
+    if noise:
+        changes["noise"] = noise[0] if len(noise) == 1 else noise
+    followed = _followed(setup, reference, changes)
+    proof = setup.certify(followed, **changes)
+    if out is not None:
+        with whole_folder(out) as folder:
+            certificate_report(_title(project), proof).write(folder)
+            write_whole(folder / "certificate.json", _json(proof.summary()))
+    if as_json:
+        print(_json(proof.summary()), end="")
+    else:
+        _print_certificate(str(project), proof)
+        if out is not None:
+            print(f"{out / 'report.html'} and picture beside it")
+    return 0 if proof.holds else 1
+
+
+def _print_certificate(title: str, proof: Certificate) -> None:
+    section = certificate_section(proof, pictured=False)
+    print(f"{title}: {section.text[0]}")
+    print(section.text[1] + "\n")
+    for table in section.tables:
+        _print_table("", table)
 
 
 @app.command(epilog="Example: foreswitch compare project.toml --out compared")
@@ -323,6 +379,96 @@ def export(
     else:
         print(f"{path}: FMI 2.0 for co-simulation, {'sources only' if source_only else 'binary and sources'}, {sizes}")
         print(f"Step it every {controller.Ts:g} s, before the plant")
+
+
+@app.command(
+    epilog='Example: foreswitch study project.toml --over "controller.Td=0.01,0.02" --over "gain_error=uniform(-0.1,0.1)" '
+    "--repeats 100 --out study"
+)
+def study(
+    project: ProjectFile,
+    over: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--over",
+            metavar="KEY=VALUES",
+            help="Key of the project file, or delay_error [s], gain_error, and what it takes: 0.01,0.02 or "
+            "linspace(0,1,5) or geomspace(1,100,5) for a grid; uniform(0,4), loguniform(0.1,10), normal(1,0.1), "
+            "oneof(a,b) drawn for each run. Several times for several keys.",
+        ),
+    ] = None,
+    repeats: Annotated[int, typer.Option("--repeats", help="Runs per grid point.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", help="Of all that is random.")] = 0,
+    scheduler: Annotated[
+        str | None,
+        typer.Option("--scheduler", help='"processes", or the address of a Dask scheduler, tcp://host:port.'),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for table, report and pictures; the same call again continues.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Sweep parameters of a project, or draw them at random: many closed-loop runs, one table."""
+    console = Console(stderr=True)
+    try:
+        with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+            task = bar.add_task("checking", total=1.0)
+            result = run_study(
+                project, _over(over or []), repeats=repeats, seed=seed, scheduler=scheduler, out=out,
+                progress=lambda share, what: bar.update(task, completed=share, description=what),
+            )  # fmt: skip
+    except WorkersLost as error:
+        _complain(str(error))
+        raise typer.Exit(1) from None
+    summary = _study_summary(result)
+    if out is not None:
+        with whole_folder(out) as folder:
+            result.report(_title(project)).write(folder)
+            write_whole(folder / "summary.csv", csv_rows(result.summary()))
+            write_whole(folder / "metrics.json", _json(summary))
+    if as_json:
+        print(_json(summary), end="")
+        return
+    content = result.table(LINES, brief=True)
+    _print_table(str(project), content)
+    if content.caption:
+        print(content.caption)
+    if out is not None:
+        print(f"{out / 'report.html'}, pictures and tables beside it")
+
+
+#: Grid points that a terminal shows.
+LINES = 30
+
+
+def _over(given: list[str]) -> dict[str, str]:
+    """Keys and what they take."""
+    found: dict[str, str] = {}
+    for text in given:
+        key, equals, values = text.partition("=")
+        if not equals or not values.strip():
+            raise ValueError(f"--over is {text!r}; give KEY=VALUES, such as controller.Td=0.01,0.02")
+        if key.strip() in found:
+            raise ValueError(f"--over stands twice for {key.strip()}; give all its values at once")
+        found[key.strip()] = values
+    return found
+
+
+def _study_summary(result: Study) -> dict[str, Any]:
+    """Grid points with their parameters and quantiles."""
+    columns = {name: values.tolist() for name, values in result.summary().items()}
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    finite = [{k: v if not isinstance(v, float) or np.isfinite(v) else None for k, v in row.items()} for row in rows]
+    return {"runs": len(result), "repeats": result.plan.repeats, "seed": result.plan.seed, "points": finite}
+
+
+def _followed(setup: Project, reference: Path | None, changes: dict[str, Any]) -> Any:
+    """The reference from a file, which also says how long it is, or the project's."""
+    if reference is None:
+        return setup.reference
+    followed, end = Samples.read_csv_columns(reference, setup.plant.outputs)
+    changes.setdefault("duration", end)
+    return followed
 
 
 def _title(project: Path) -> str:

@@ -17,7 +17,7 @@ from foreswitch.plant import Plant
 from foreswitch.reference import sample
 from foreswitch.run import Run
 
-__all__ = ["Law", "Loop", "simulate"]
+__all__ = ["Law", "Loop", "sampled", "simulate"]
 
 #: A signal in the loop: constant, one row per period, or a function of time and plant state.
 Signal = ArrayLike | Callable[[float, Array], ArrayLike]
@@ -183,7 +183,7 @@ class Loop:
         self.steps = _check.periods(_check.number("duration", duration, above=0.0), Ts)
         self.t = np.arange(self.steps + 1) * Ts
         self.wanted = np.ascontiguousarray(sample(reference, self.t, truth.outputs, 1)[:, :, 0])
-        self.told = _sampled(controller, reference, self.t[:-1])
+        self.told = sampled(controller, reference, self.t[:-1])
         self.disturbance, self.load = disturbance, load
         self.w = _rows("disturbance", disturbance, self.steps, truth.disturbances)
         self.extra = None if load is None else _rows("load", load, self.steps, truth.inputs)
@@ -288,7 +288,7 @@ def _called(
     return value
 
 
-def _sampled(controller: Law, reference: Callable[..., ArrayLike] | ArrayLike, t: Array) -> Array:
+def sampled(controller: Law, reference: Callable[..., ArrayLike] | ArrayLike, t: Array) -> Array:
     """The reference as the law is told it, one row per period."""
     q, order, offsets = controller.plant.outputs, controller.order, controller.reference_times
     if offsets.ndim == 1:

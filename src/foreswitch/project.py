@@ -16,16 +16,20 @@ from foreswitch import _check
 from foreswitch._check import Array
 from foreswitch._text import nearest
 from foreswitch.baselines import Baseline, Tuned, tune
+from foreswitch.certificate import Certificate, certify
 from foreswitch.controller import Controller
 from foreswitch.estimator import Kalman
 from foreswitch.hardware import Hardware, Stuck
-from foreswitch.loop import Law, simulate
+from foreswitch.loop import Law, measured_state, simulate
 from foreswitch.objective import Endpoint, Horizon
 from foreswitch.plant import Plant
 from foreswitch.reference import HalfSine, Ramp, Reference, Samples, Sine, Stack, Steps, sample
 from foreswitch.run import Run
 
 __all__ = ["Project"]
+
+#: Of a noise given by its standard deviation, a certificate bears so many: one sample in 16 000 lies beyond.
+SIGMAS = 4.0
 
 Vector = list[float]
 Matrix = list[list[float]]
@@ -341,23 +345,40 @@ class Project:
     """
 
     def __init__(self, content: dict[str, Any], folder: str | Path = ".") -> None:
-        try:
-            self.file = File.model_validate(content)
-        except ValidationError as error:
-            raise ValueError(_sentence(error, content)) from None
+        self.file, self.folder = _validated(content), Path(folder)
         self.plant = self.file.plant.build()
         self.controller = self.build_controller()
         tables = self.file.reference if isinstance(self.file.reference, list) else [self.file.reference]
-        parts = [table.build(Path(folder)) for table in tables]
+        parts = [table.build(self.folder) for table in tables]
         if len(parts) != self.plant.outputs:
             raise ValueError(f"[reference] stands {len(parts)} time(s); the plant has {self.plant.outputs} output(s)")
-        truth = self.file.simulation.plant
-        self.truth = truth.build("simulation.plant") if truth else self.plant
-        hardware = self.file.simulation.hardware
-        self.hardware = hardware.build() if hardware else None
-        self.seed = self.file.simulation.seed
         self.reference: Reference = parts[0] if len(parts) == 1 else Stack(*parts)
-        self._courses = self._disturbances(Path(folder))
+        self._simulated()
+
+    def _simulated(self) -> None:
+        """What [simulation] says."""
+        table = self.file.simulation
+        self.truth = table.plant.build("simulation.plant") if table.plant else self.plant
+        self.hardware = table.hardware.build() if table.hardware else None
+        self.seed = table.seed
+        self._courses = self._disturbances(self.folder)
+
+    def with_simulation(self, table: dict[str, Any]) -> Project:
+        """The same project with another [simulation]; controller and reference are not built anew.
+
+        Parameters
+        ----------
+        table : dict
+            The whole table.
+
+        Returns
+        -------
+        Project
+        """
+        twin = copy.copy(self)
+        twin.file = _validated(self.file.model_dump(exclude_unset=True) | {"simulation": table})
+        twin._simulated()
+        return twin
 
     def _disturbances(self, folder: Path) -> Stack | None:
         """The disturbances that run a course of their own."""
@@ -515,6 +536,45 @@ class Project:
         settings = self._settings(reference, law.Ts, changes)
         return simulate(law, reference, settings.pop("duration"), **settings)
 
+    def certify(self, reference: Callable[..., ArrayLike] | None = None, **changes: Any) -> Certificate:
+        """What is proven of the project's controller on its reference, from its initial state.
+
+        Parameters
+        ----------
+        reference : callable, optional
+            Default: the project's.
+        **changes
+            Arguments of `foreswitch.certify` that replace those of the project. Its noise, a standard deviation, is borne
+            up to `SIGMAS` times.
+
+        Returns
+        -------
+        Certificate
+
+        Raises
+        ------
+        ValueError
+            As `foreswitch.certify`, or if a disturbance follows the output.
+        """
+        table, reference = self.file.simulation, reference or self.reference
+        settings: dict[str, Any] = {"reference": reference, "duration": table.duration, "x0": table.x0}
+        if table.x0 is not None and (sensor := measured_state(self.plant, self.truth)) is not None:
+            settings["x0"] = sensor @ np.array(table.x0)
+        settings |= changes
+        if "noise" not in changes and table.noise is not None:
+            settings["noise"] = SIGMAS * np.asarray(table.noise)
+        if "load" not in changes and table.load is not None:
+            settings["load"] = np.abs(table.load)
+        if isinstance(table.disturbance, Valve):
+            raise ValueError(
+                "[simulation.disturbance] is a valve that follows the output, around which nothing is proven; give its "
+                "flow over time, or remove it"
+            )
+        if "disturbance" not in changes and self.plant.disturbances:
+            course = self._settings(reference, self.controller.Ts, {"duration": settings["duration"]})
+            settings["disturbance"] = course["disturbance"]
+        return certify(self.controller, **settings)
+
     def _settings(self, reference: Callable[..., ArrayLike], Ts: float, changes: dict[str, Any]) -> dict[str, Any]:
         """Arguments of `foreswitch.simulate`."""
         table = self.file.simulation
@@ -528,6 +588,14 @@ class Project:
             w = sample(self._courses, t, self._courses.outputs, 1)[:, :, 0]
         settings.setdefault("disturbance", w)
         return settings
+
+
+def _validated(content: dict[str, Any]) -> File:
+    """The tables, or one complaint."""
+    try:
+        return File.model_validate(content)
+    except ValidationError as error:
+        raise ValueError(_sentence(error, content)) from None
 
 
 def _sentence(error: ValidationError, content: dict[str, Any]) -> str:

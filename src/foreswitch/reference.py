@@ -30,6 +30,14 @@ class Reference(ABC):
     #: Number of outputs.
     outputs: int = 1
 
+    @property
+    def end(self) -> float:
+        """Seconds after which nothing new comes: it holds, runs on or repeats."""
+        return self._end()
+
+    def _end(self) -> float:
+        return 0.0
+
     def __call__(self, t: ArrayLike, order: int = DEFAULT_ORDER) -> Array:
         """Values and derivatives.
 
@@ -82,6 +90,9 @@ class Sine(Reference):
             _check.number(name, getattr(self, name))
         _check.number("frequency", self.frequency, above=0.0)
 
+    def _end(self) -> float:
+        return 1.0 / self.frequency
+
     def _evaluate(self, t: Array, order: int) -> Array:
         omega = 2.0 * pi * self.frequency
         values = _sine(self.amplitude, omega, omega * t + self.phase, order)
@@ -115,6 +126,9 @@ class HalfSine(Reference):
             _check.number(name, getattr(self, name))
         _check.number("duration", self.duration, above=0.0)
 
+    def _end(self) -> float:
+        return self.start + self.duration
+
     def _evaluate(self, t: Array, order: int) -> Array:
         omega = pi / self.duration
         inside = np.clip(t - self.start, 0.0, self.duration)
@@ -146,6 +160,9 @@ class Ramp(Reference):
         for name in ("slope", "start", "offset"):
             _check.number(name, getattr(self, name))
 
+    def _end(self) -> float:
+        return max(self.start, 0.0)
+
     def _evaluate(self, t: Array, order: int) -> Array:
         values = np.zeros((t.size, 1, order))
         values[:, 0, 0] = self.offset + self.slope * np.maximum(t - self.start, 0.0)
@@ -160,6 +177,9 @@ class _Piecewise(Reference):
     _pieces: PPoly
     _span: tuple[float, float]
     _ends: tuple[float, float]
+
+    def _end(self) -> float:
+        return self._span[1]
 
     def _evaluate(self, t: Array, order: int) -> Array:
         first, last = self._span
@@ -318,6 +338,9 @@ class Stack(Reference):
                 raise ValueError(f"Stack holds {item!r}; give references")
         self.references = references
         self.outputs = sum(getattr(item, "outputs", 1) for item in references)
+
+    def _end(self) -> float:
+        return max(float(getattr(item, "end", 0.0)) for item in self.references)
 
     def _evaluate(self, t: Array, order: int) -> Array:
         return np.concatenate([sample(item, t, None, order) for item in self.references], axis=1)

@@ -72,6 +72,30 @@ INLINE fsw_real product(fsw_real sum, const fsw_real *a, const fsw_real *b, natu
     return sum;
 }
 
+/* The same without the entries that are known to be zero. */
+INLINE fsw_real sparse(fsw_real sum, const fsw_real *a, const fsw_real *b, natural count)
+{
+    for (natural i = 0; i < count; i++)
+#ifdef FSW_DESIGN
+        if (a[i] < 0 || a[i] > 0)
+#endif
+            sum += a[i] * b[i];
+    return sum;
+}
+
+/* factor times a level; where the design is in view, one of as many constants as there are levels. */
+INLINE fsw_real times_level(const fsw_real *levels, natural count, natural level, fsw_real factor)
+{
+#ifdef FSW_DESIGN
+    for (natural l = 0; l + 1u < count; l++)
+        if (level == l) return factor * levels[l];
+    return factor * levels[count - 1u];
+#else
+    (void)count;
+    return factor * levels[level];
+#endif
+}
+
 /* |value| as a whole number, compared without a floating point unit: it ascends with |value|, infinity and then NaN
  * are beyond all others. */
 #ifdef FSW_SINGLE
@@ -289,17 +313,18 @@ static void coast(const fsw_design *d, const fsw_state *s, fsw_real *x)
 {
     const natural n = STATES(d), m = INPUTS(d), p = DISTURBANCES(d);
     for (natural i = 0; i < n; i++) {
-        const fsw_real sum = product(d->model_c[i], d->model_x + i * n, s->x, n);
+        const fsw_real sum = sparse(d->model_c[i], d->model_x + i * n, s->x, n);
         x[i] = product(sum, d->model_w + i * p, s->w, p);
     }
     const fsw_real *levels = d->levels;
     for (natural j = 0; j < m; j++) {
-        const natural age = d->pending[j];
-        const fsw_real older = levels[issued(d, s, m, age + 1u)[j]];
-        const fsw_real newer = SPLITS(d) && age > 0 ? levels[issued(d, s, m, age)[j]] : 0;
+        const natural age = d->pending[j], count = d->level_count[j];
+        const natural older = issued(d, s, m, age + 1u)[j];
+        const natural newer = SPLITS(d) && age > 0 ? issued(d, s, m, age)[j] : 0;
         for (natural i = 0; i < n; i++) {
-            const fsw_real effect = d->model_old[j * n + i] * older;
-            x[i] += SPLITS(d) ? effect + d->model_new[j * n + i] * newer : effect;
+            const fsw_real effect = times_level(levels, count, older, d->model_old[j * n + i]);
+            x[i] += SPLITS(d) ? effect + (age > 0 ? times_level(levels, count, newer, d->model_new[j * n + i]) : 0)
+                              : effect;
         }
         levels += d->level_count[j];
     }
@@ -533,9 +558,10 @@ INLINE fsw_real infinity(void)
 #define ON_SURFACE 1e-140
 #endif
 
-/* The candidate's cost, infinite where it would break a running dwell. */
+/* The candidate's cost, infinite where it would break a running dwell; `nearest`: its sliding variable in place of it.
+ */
 INLINE fsw_real evaluate(const fsw_design *d, natural m, natural q, const option *options, const uint8_t *command,
-                         const fsw_real *free)
+                         const fsw_real *free, int nearest)
 {
     fsw_real slide[FSW_MAX_OUTPUTS], cost = 0;
     for (natural j = 0; j < m; j++) {
@@ -551,6 +577,7 @@ INLINE fsw_real evaluate(const fsw_design *d, natural m, natural q, const option
         const fsw_real shift = RESTS(d) ? now->levels[level] - now->tail : now->levels[level];
         for (natural o = 0; o < q; o++) slide[o] = (j == 0 ? free[o] : slide[o]) + effect[o] * shift;
     }
+    if (nearest) return size_of(slide[0]) < size_of(ON_SURFACE) ? 0 : slide[0];
     for (natural o = 0; o < q; o++) {
         if (size_of(slide[o]) < size_of(ON_SURFACE)) continue;
         const fsw_real share = d->half_weight[o] * slide[o] * slide[o];
@@ -577,13 +604,19 @@ INLINE fsw_decision choose(const fsw_design *d, const fsw_state *s, natural m, n
     const natural candidates = CANDIDATES(d);
     const uint8_t *command = d->candidate;
     natural best = candidates;
+    /* of one input and output, switching for nothing, the nearest is the cheapest: only its square is wanted */
+    const int nearest = m == 1 && q == 1 && !(COSTS(d) && d->switch_cost[0] > 0);
     for (natural i = 0; i < candidates; i++, command += m) {
-        const fsw_real cost = evaluate(d, m, q, options, command, free);
-        if (costs) costs[i] = cost;
+        const fsw_real cost = evaluate(d, m, q, options, command, free, nearest);
+        if (costs) costs[i] = nearest ? d->half_weight[0] * cost * cost : cost;
         if (size_of(cost) < size_of(least) || (size_of(cost) == size_of(least) && same(command, present, m))) {
             least = cost;
             best = i;
         }
+    }
+    if (nearest) {
+        least *= d->half_weight[0] * least;
+        if (!(size_of(least) < BEYOND)) best = candidates;
     }
     /* where every cost overflows there is nothing to choose by */
     const fsw_decision decision = {size_of(least) < BEYOND ? FSW_OK : FSW_HELD, (uint16_t)best, (uint32_t)candidates,

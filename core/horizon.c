@@ -225,7 +225,8 @@ static natural pin(const fsw_horizon *h, fsw_horizon_scratch *s, natural present
                 for (natural l = 0; l < n; l++) X[i * v + n + j] += W[i * v + l] * h->G[l * m + j];
             }
         }
-        for (natural i = 0; i < all * all; i++) A[i] = 0;
+        for (natural i = 0; i < all; i++)
+            for (natural j = 0; j <= i; j++) A[i * all + j] = 0;
         transposed(h->F, p, b, n);
         for (natural i = 0; i < n; i++)
             for (natural j = 0; j <= i; j++)
@@ -557,7 +558,8 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
         next = BACKTRACK;
         const natural open = s->u.tree.next[k];
         if (open == s->u.tree.count[k] || !(s->u.tree.bound[k][open] < answer.excess)) {
-            dived = 1;
+            if (!dived && !tried && answer.excess > h->far) pause = answer.nodes < budget ? answer.nodes : budget;
+            dived = 1; /* a plan from before may be the best there is, so that no leaf would ever tell how far it is */
             /* the first descent only fails where costs overflow: without an incumbent, the rest might never end */
             if (answer.found && k-- > 0) continue;
             answer.optimal = answer.found;

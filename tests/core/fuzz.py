@@ -56,7 +56,8 @@ def main() -> int:
         print("fuzz.py needs clang with libFuzzer (Debian: clang, libclang-rt-14-dev)", file=sys.stderr)
         return 2
     with TemporaryDirectory() as name:
-        return 0 if all([fuzz(real, seconds / len(REALS), Path(name)) for real in REALS]) else 1
+        clean = [fuzz(real, seconds / len(REALS), Path(name)) for real in REALS]
+    return 0 if all(clean) else 1
 
 
 if __name__ == "__main__":

@@ -272,6 +272,21 @@ def test_what_the_outputs_show_when(exported, opened):
     assert fmu.get("command") == [1.0]
 
 
+def test_only_the_last_inputs_before_a_step_count(exported, opened):
+    """However often others were tried, and whether their outcome was looked at or not."""
+    law, fmu = quiet(CASES["endpoint"][0], "float64"), opened(exported("endpoint"))
+    tried = np.random.default_rng(1)
+    for x, reference, w, u, _ in told("endpoint", law, 1000):
+        for _ in range(tried.integers(3)):
+            fmu.set(tried.choice([np.nan, 0.0, 1e4], size=x.shape), tried.normal(scale=1e4, size=reference.shape), w)
+            if tried.integers(2):
+                fmu.get("command")
+        fmu.set(x, reference, w)
+        fmu.advance(law.Ts)
+        assert fmu.get("command") == u.tolist()
+        assert fmu.get("bad_samples_total") == [law.bad_samples[1]]
+
+
 # Life -----------------------------------------------------------------------------------------------------------------
 
 

@@ -282,6 +282,77 @@ static void make_design(void)
     }
 }
 
+/* One contradiction in a design, which fsw_init must then refuse; 0 if there is nothing to spoil. */
+static int spoil(fsw_design *d)
+{
+    static uint8_t high[] = {255, 255, 255, 255, 255, 255, 255, 255};
+    static uint16_t none[8], late[8];
+    static uint32_t never[1024];
+    static fsw_real equal[1024];
+    late[0] = d->rows;
+#if FSW_MAX_MOVES > 0
+    fsw_horizon *h = d->horizon ? &horizon : NULL;
+#endif
+    switch (byte() % 20) {
+    case 0:
+        d->pending = late;
+        return 1;
+    case 1:
+        d->safe = high;
+        return 1;
+    case 2:
+        d->dwell = never;
+        return 1;
+    case 3:
+        d->level_count = (const uint8_t *)none;
+        return 1;
+    case 4:
+        d->loads = (uint16_t)(d->disturbances + 1);
+        return 1;
+    case 5:
+        d->measured = d->gain ? 0 : (uint16_t)(d->states + 1);
+        return 1;
+    case 6:
+        d->gate_limit = 256;
+        return d->gain != NULL;
+    case 7:
+        d->levels = equal;
+        return d->level_count && d->inputs > 0 && d->level_count[0] > 1;
+    case 8:
+        d->holds = none;
+        return !d->horizon;
+    case 9:
+        d->rows = (uint16_t)(FSW_MAX_LINE + 1);
+        return d->inputs > 0;
+    case 10:
+        d->candidates = 0;
+        return 1;
+    case 11:
+        d->gain = d->gain ? NULL : equal;
+        return d->gain ? !d->output_row : d->measured != d->states || d->loads > 0;
+#if FSW_MAX_MOVES > 0
+    case 12:
+        return h && (h->order++, 1);
+    case 13:
+        return h && (h->lead = h->steps, 1);
+    case 14:
+        return h && (h->moves = (uint16_t)(h->steps + 1), 1);
+    case 15:
+        return h && (h->terminal = (uint16_t)(h->states + 1), 1);
+    case 16:
+        return h && (h->tail = 3, 1);
+    case 17:
+        return h && (h->candidates++, 1);
+    case 18:
+        return h && (h->disturbances++, 1);
+    case 19:
+        return h && (h->level = high, 1);
+#endif
+    default:
+        return 0;
+    }
+}
+
 /* ---- What happens ---- */
 
 static fsw_state state;
@@ -381,7 +452,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count)
     at = bytes;
     end = bytes + count;
     make_design();
-    if (total <= LARGEST && fsw_init(&design, &state) == FSW_VALID) happen();
+    const int whole = total <= LARGEST && design.level_count && design.levels;
+    const int spoilt = whole && byte() % 8 == 7 && spoil(&design);
+    if (total <= LARGEST && fsw_init(&design, &state) == FSW_VALID) {
+        MUST(!spoilt);
+        happen();
+    }
     let_go();
     return 0;
 }

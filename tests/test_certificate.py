@@ -157,6 +157,14 @@ def test_a_load_counts_with_the_gain_that_the_input_may_have():
     withstands(controller, load=1.0, gain_error=0.3)
 
 
+def test_a_load_may_change_while_a_command_acts():
+    """At a ring's own pace, which commands, held for a turn, hardly excite."""
+    A = [[-0.2, 0.0, 0.0], [0.0, -0.02, 6.5], [0.0, -6.5, -0.02]]
+    plant = fsw.Plant(A, [[0.5], [0.0], [3.0]], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], input_delay=0.3)
+    objective = fsw.Endpoint(2.0, 1.0, relative_degree=1, weight=[1.0, 1e-6])
+    withstands(fsw.Controller(plant, FINE, 1.0, objective), load=1.0)
+
+
 # Edges --------------------------------------------------------------------------------------------------------------------
 
 

@@ -116,6 +116,9 @@ class ErrorLoop:
                 columns = np.column_stack([self.shifted(j, e) for e in self.windows.delay_errors(j, errors)])
                 late = self.windows.weights(j, errors)[0]
                 total = total + late * self.recursion.sums(rows, columns).max(axis=1)
+            if errors.load[j] > 0:
+                pieces = self.windows.slices(j, self.Ts).T
+                total = total + self.windows.loaded(j, errors) * self.recursion.sums(rows, pieces).sum(axis=1)
         return total
 
     def _hidden_inputs(self, errors: Errors) -> Array:
@@ -180,8 +183,21 @@ class ErrorLoop:
                     if 0 <= i < count:
                         own[i - first] += through[i + 1] @ column
                 late.append(Late(j, first, column, own))
+        loads = []
+        for j in range(plant.inputs):
+            if errors.load[j] > 0:
+                pieces = windows.slices(j, Ts)
+                own = through[1:] @ pieces.T  # (count, q, slices)
+                own[0] += self._slices_until(j, after, len(pieces))
+                loads.append(Load(j, pieces, own))
         view = plant.C @ expm(plant.A * after) + through[0]
-        return View(view, direct + through[1:] @ self.gamma, late)
+        return View(view, direct + through[1:] @ self.gamma, late, loads)
+
+    def _slices_until(self, j: int, after: float, count: int) -> Array:
+        """What a load in each slice of a period shows in the output so many seconds into it, (q, count)."""
+        edges = np.minimum(np.linspace(0.0, self.Ts, count + 1), after)
+        each = [self.plant.C @ self.windows.effect(j, a, b, after) for a, b in pairwise(edges)]
+        return np.array(each).T
 
     def _reach(self, view: View, radius: float, errors: Errors) -> Array:
         """Bound of what is seen, (q,)."""
@@ -199,6 +215,9 @@ class ErrorLoop:
             size = self.recursion.sums(view.state, column)[:, 0] - np.abs(terms).sum(axis=0) + np.abs(both).sum(axis=0)
             wrong[late.input] = np.maximum(wrong[late.input], self.windows.weights(late.input, errors)[0] * size)
         total += wrong.sum(axis=0)
+        for load in view.loads:
+            size = self.recursion.sums(view.state, load.pieces.T).sum(axis=1) + np.abs(load.own).sum(axis=(0, 2))
+            total += self.windows.loaded(load.input, errors) * size
         return total
 
 
@@ -213,23 +232,41 @@ class Late:
 
 
 @dataclass(frozen=True)
+class Load:
+    """What an unmeasured load on one input adds."""
+
+    input: int
+    pieces: Array  # (slices, n), to xi over one period
+    own: Array  # (count, q, slices), effect on the output of what acts after xi_k
+
+
+@dataclass(frozen=True)
 class View:
     """How the output at one instant depends on xi_k, on commands from k on, and on commands that act late."""
 
     state: Array  # (q, n)
     commands: Array  # (count, q, m), their effect on later commands included
     late: list[Late]
+    loads: list[Load]
 
     def minus_twice(self, middle: View, right: View) -> View:
         """``self - 2 middle + right``."""
         count = max(len(v.commands) for v in (self, middle, right))
 
-        def padded(v: View) -> Array:
-            return np.concatenate([v.commands, np.zeros((count - len(v.commands), *v.commands.shape[1:]))])
+        def padded(rows: Array) -> Array:
+            return np.concatenate([rows, np.zeros((count - len(rows), *rows.shape[1:]))])
+
+        def bend(a: Array, b: Array, c: Array) -> Array:
+            result: Array = padded(a) - 2.0 * padded(b) + padded(c)
+            return result
 
         late = []
         for a, b, c in zip(self.late, middle.late, right.late, strict=True):
             size = min(len(a.own), len(b.own), len(c.own))
             late.append(replace(a, own=a.own[:size] - 2.0 * b.own[:size] + c.own[:size]))
         state = self.state - 2.0 * middle.state + right.state
-        return View(state, padded(self) - 2.0 * padded(middle) + padded(right), late)
+        loads = [
+            replace(a, own=bend(a.own, b.own, c.own))
+            for a, b, c in zip(self.loads, middle.loads, right.loads, strict=True)
+        ]
+        return View(state, bend(self.commands, middle.commands, right.commands), late, loads)

@@ -43,6 +43,9 @@ def innovation_reach(loop: ErrorLoop, errors: Errors) -> Array:
             wrong, true = (part @ loop.plant.C.T for part in loop.windows.in_a_period(j, error))
             sizes.append(late * np.abs(wrong).sum(axis=0) + more * np.abs(true).sum(axis=0))
         total = total + np.max(sizes, axis=0)
+        if errors.load[j] > 0:
+            pieces = loop.windows.slices(j, loop.Ts) @ loop.plant.C.T
+            total = total + loop.windows.loaded(j, errors) * np.abs(pieces).sum(axis=0)
     return total
 
 
@@ -127,6 +130,9 @@ def _estimation_error(loop: ErrorLoop, rows: Array, errors: Errors) -> Array:
                 + more * _driven(recursion, rows, true, keep, plant.states)
             )
         total = total + np.max(sizes, axis=0)
+        if errors.load[j] > 0:
+            pieces = keep[:, : plant.states] @ loop.windows.slices(j, loop.Ts).T
+            total = total + loop.windows.loaded(j, errors) * recursion.sums(rows, pieces).sum(axis=1)
     return total
 
 

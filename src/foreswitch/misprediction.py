@@ -2,13 +2,15 @@
 
 A command differs from the middle of its input's levels by at most half their span; the middle itself is constant and
 knows no dead time. So a wrong dead time weighs with ``0.5 span (1 + gain error)``, a wrong gain with the largest distance
-of a level from the input's offset; a load weighs as it is.
+of a level from the input's offset. A load acts at once and may change at any time: a period is cut into slices, each with a
+load of its own.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import expm
@@ -21,6 +23,8 @@ __all__ = ["Errors", "Windows"]
 
 #: A wrong dead time is tried at so many values on each side at least, and with an oscillation so closely [rad].
 TRIED, CLOSELY = 2, 0.25
+#: Slices of a period at least, for a load.
+FEWEST = 4
 #: What it does between two of them, as a share of what it does at the worse.
 BETWEEN = 1.01
 
@@ -65,6 +69,7 @@ class Windows:
         #: Largest distance of each input from the middle of its levels, and from its offset.
         self.half_span = np.array([0.5 * (v[-1] - v[0]) for v in levels])
         self.far = np.array([np.abs(v - o).max() for v, o in zip(levels, plant.u_offset, strict=True)])
+        self._fastest = float(np.abs(plant.poles).max())
         self._turning = float(np.abs(plant.poles.imag).max())
         self._carried = lru_cache(maxsize=4096)(lambda t: expm(plant.A * t))
         self._held = lru_cache(maxsize=4096)(lambda j, t: transition(plant.A, plant.B[:, j : j + 1], t)[1][:, 0])
@@ -82,12 +87,23 @@ class Windows:
         return bool((self._turning * errors.delay <= np.pi).all())
 
     def weights(self, j: int, errors: Errors) -> tuple[float, float]:
-        """Sizes of a command of input j for a wrong dead time, and for a wrong gain or a load."""
+        """Sizes of a command of input j for a wrong dead time, and for a wrong gain."""
         return float(BETWEEN * self.half_span[j] * (1.0 + errors.gain[j])), float(self.surplus(errors)[j])
 
     def surplus(self, errors: Errors) -> Array:
-        """Largest part of each acting input that the law does not know of, (m,)."""
-        return self.far * errors.gain + errors.load * (1.0 + errors.gain)
+        """Largest part of each acting command that the law does not know of, (m,)."""
+        return self.far * errors.gain
+
+    def loaded(self, j: int, errors: Errors) -> float:
+        """Size of a load on input j, for its slices."""
+        return float(BETWEEN * errors.load[j] * (1.0 + errors.gain[j]))
+
+    def slices(self, j: int, end: float) -> Array:
+        """What a unit of load on input j does in each slice from 0 to an instant, seen there, (count, n)."""
+        size = self.Ts / max(FEWEST, int(np.ceil(self._fastest * self.Ts / CLOSELY)))
+        edges = np.append(np.arange(0.0, end - 1e-9 * size, size), end)
+        shape = (len(edges) - 1, self.plant.states)
+        return np.array([self.effect(j, a, b, end) for a, b in pairwise(edges)]).reshape(shape)
 
     def effect(self, j: int, start: float, end: float, at: float) -> Array:
         """What a unit of input j over [start, end] leaves in x at an instant, (n,); at an earlier one: as carried back."""
@@ -118,6 +134,8 @@ class Windows:
         """Bound of ``rows xi``, xi as predicted, by the commands under way, (r,)."""
         total = np.zeros(len(rows))
         for j in range(self.plant.inputs):
+            if errors.load[j] > 0:
+                total += self.loaded(j, errors) * np.abs(self.slices(j, self.longest) @ rows.T).sum(axis=0)
             late, more = self.weights(j, errors)
             if errors.delay[j] == 0.0 and more == 0.0:
                 continue

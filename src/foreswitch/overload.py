@@ -121,9 +121,9 @@ class Quantiser:
         wrong = float(choice_error(loop, errors)[0]) / scale + float(loop.windows.misjudged(loop.gain, errors)[0])
         direct = float(np.hypot(half, np.sqrt(price))) + wrong + surplus
         # what the lowest and the highest level may really be
-        offset, load = loop.plant.u_offset[0], errors.load[0] * (1.0 + errors.gain[0])
-        lowest = float(values[0] + errors.gain[0] * abs(values[0] - offset) + load)
-        highest = float(values[-1] - errors.gain[0] * abs(values[-1] - offset) - load)
+        offset = loop.plant.u_offset[0]
+        lowest = float(values[0] + errors.gain[0] * abs(values[0] - offset))
+        highest = float(values[-1] - errors.gain[0] * abs(values[-1] - offset))
         # without a price on switching, overload is told by what really acts, which noise does not change
         room, blur = (direct, 0.0) if price == 0 else (half, wrong)
         own = float(loop.recursion.sums(loop.gain, loop.gamma)[0, 0])
@@ -150,6 +150,11 @@ class Quantiser:
                 other = (column - share * loop.gamma[:, 0])[:, None]
                 matched = max(matched, late * abs(share))
                 unmatched = max(unmatched, late * float(recursion.sums(rest, other)[0, 0]))
+            if errors.load[0] > 0:
+                load, pieces = loop.windows.loaded(0, errors), loop.windows.slices(0, loop.Ts).T
+                shares = row @ pieces / float(row @ loop.gamma[:, 0])
+                matched += load * float(np.abs(shares).sum())
+                unmatched += load * float(recursion.sums(rest, pieces - loop.gamma * shares).sum())
             radius = (direct + matched + unmatched) / (1.0 - spread)
             margin = radius * (pole - 1.0) + matched
             margin = margin if abs(margin) > EDGE * float(self.span[0]) else 0.0  # of a pole at 1: round-off

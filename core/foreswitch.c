@@ -330,31 +330,26 @@ static void coast(const fsw_design *d, const fsw_state *s, fsw_real *x)
     }
 }
 
-/* What comes in at one instant; `width` values of the reference, 0 where nothing is to be decided. */
-typedef struct {
-    const fsw_real *measured, *reference, *disturbance;
-    natural width;
-} sample;
-
-/* Use `state`, and what is usable of the rest. */
+/* Use `state`, and what is usable of the rest; `width` values of the reference, 0 where nothing is to be decided. */
 static fsw_status settle(const fsw_design *d, const fsw_state *s, fsw_status status, const fsw_real *state,
-                         const sample *now, fsw_real *x, fsw_real *w)
+                         const fsw_real *reference, natural width, const fsw_real *disturbance, fsw_real *x,
+                         fsw_real *w)
 {
     const natural n = STATES(d), p = DISTURBANCES(d) - LOADS(d);
-    const int told = usable(now->disturbance, p);
+    const int told = usable(disturbance, p);
     take(x, state, n);
-    take(w, told ? now->disturbance : s->w, p);
+    take(w, told ? disturbance : s->w, p);
     if (status == FSW_OK && !told) status = FSW_COASTING;
-    if (!usable(now->reference, now->width)) status = FSW_HELD;
+    if (!usable(reference, width)) status = FSW_HELD;
     if (status != FSW_OK && d->bad_limit > 0 && (uint32_t)s->bad + 1 >= d->bad_limit) status = FSW_SAFE;
     return status;
 }
 
 /* As observe, where something is not usable. */
-static fsw_status replace(const fsw_design *d, const fsw_state *s, const sample *now, fsw_real *x, fsw_real *w)
+static fsw_status replace(const fsw_design *d, const fsw_state *s, const fsw_real *state, const fsw_real *reference,
+                          natural width, const fsw_real *disturbance, fsw_real *x, fsw_real *w)
 {
     fsw_status status = FSW_COASTING;
-    const fsw_real *state = now->measured;
     fsw_real next[FSW_MAX_STATES];
     if (!usable(state, STATES(d))) {
         coast(d, s, next);
@@ -364,7 +359,7 @@ static fsw_status replace(const fsw_design *d, const fsw_state *s, const sample 
             status = FSW_HELD;
         }
     }
-    return settle(d, s, status, state, now, x, w);
+    return settle(d, s, status, state, reference, width, disturbance, x, w);
 }
 
 /* Move the expected [x; load] by what it misses of a usable y; 0 if y is an outlier or leads beyond all numbers. */
@@ -389,11 +384,10 @@ static int correct(const fsw_design *d, const fsw_real *y, const fsw_real *expec
 }
 
 /* As observe, from outputs. An expectation beyond all numbers is as good as none: the next y starts anew. */
-static fsw_status estimate(const fsw_design *d, const fsw_state *s, const sample *now, fsw_real *x, fsw_real *w,
-                           uint8_t *outliers)
+static fsw_status estimate(const fsw_design *d, const fsw_state *s, const fsw_real *y, const fsw_real *reference,
+                           natural width, const fsw_real *disturbance, fsw_real *x, fsw_real *w, uint8_t *outliers)
 {
     const natural n = STATES(d), z = MEASURED(d), loads = LOADS(d), p = DISTURBANCES(d) - loads;
-    const fsw_real *y = now->measured;
     fsw_real expected[FSW_MAX_STATES + FSW_MAX_DISTURBANCES], corrected[FSW_MAX_STATES + FSW_MAX_DISTURBANCES];
     const fsw_real *best = expected;
     fsw_status status = FSW_COASTING;
@@ -416,33 +410,34 @@ static fsw_status estimate(const fsw_design *d, const fsw_state *s, const sample
         status = FSW_HELD;
     }
     take(w + p, best + n, loads);
-    return settle(d, s, status, best, now, x, w);
+    return settle(d, s, status, best, reference, width, disturbance, x, w);
 }
 
 /* Fill x and w, which may be s->x and s->w, with what the prediction shall start from. */
-INLINE fsw_status observe(const fsw_design *d, const fsw_state *s, const sample *now, fsw_real *x, fsw_real *w,
-                          uint8_t *outliers)
+INLINE fsw_status observe(const fsw_design *d, const fsw_state *s, const fsw_real *measured, const fsw_real *reference,
+                          natural width, const fsw_real *disturbance, fsw_real *x, fsw_real *w, uint8_t *outliers)
 {
     const natural n = STATES(d), p = DISTURBANCES(d);
-    if (ESTIMATES(d)) return estimate(d, s, now, x, w, outliers);
-    if (!usable(now->measured, n) || !usable(now->disturbance, p) || !usable(now->reference, now->width))
-        return replace(d, s, now, x, w);
-    take(x, now->measured, n);
-    take(w, now->disturbance, p);
+    if (ESTIMATES(d)) return estimate(d, s, measured, reference, width, disturbance, x, w, outliers);
+    if (!usable(measured, n) || !usable(disturbance, p) || !usable(reference, width))
+        return replace(d, s, measured, reference, width, disturbance, x, w);
+    take(x, measured, n);
+    take(w, disturbance, p);
     return FSW_OK;
 }
 
 /* The same into the state, and count the bad samples. */
-INLINE fsw_status observe_and_count(const fsw_design *d, fsw_state *s, const sample *now)
+INLINE fsw_status observe_and_count(const fsw_design *d, fsw_state *s, const fsw_real *measured,
+                                    const fsw_real *reference, natural width, const fsw_real *disturbance)
 {
-    const fsw_status status = observe(d, s, now, s->x, s->w, &s->outliers);
+    const fsw_status status = observe(d, s, measured, reference, width, disturbance, s->x, s->w, &s->outliers);
     if (status == FSW_OK)
         s->bad = 0;
     else {
         if (s->bad < UINT16_MAX) s->bad++;
         if (s->bad_total < UINT32_MAX) s->bad_total++;
     }
-    if (status == FSW_OK || usable(now->measured, MEASURED(d))) s->primed = 1;
+    if (status == FSW_OK || usable(measured, MEASURED(d))) s->primed = 1;
     return status;
 }
 
@@ -517,11 +512,10 @@ INLINE fsw_real pending(const fsw_design *d, const fsw_state *s, natural m, natu
     const natural ring = ROWS(d) * m;
     for (natural j = 0; j < m; j++) {
         const natural stride = d->level_count[j] * q;
-        const uint8_t *first = s->line + j, *at = first + s->head * m;
+        natural at = s->head * m + j;
         for (natural age = d->pending[j]; age > 0; age--) {
-            if (at == first) at += ring;
-            at -= m;
-            sum += effect[*at * q];
+            at = (at < m ? at + ring : at) - m;
+            sum += effect[s->line[at] * q];
             effect += stride;
         }
     }
@@ -725,11 +719,10 @@ fsw_decision fsw_decide(const fsw_design *design, fsw_state *s, const fsw_real *
 {
     const fsw_design *d = KNOWN(design);
     const natural m = INPUTS(d), q = OUTPUTS(d), candidates = CANDIDATES(d);
-    const sample now = {measured, reference, disturbance, reference_size(d, q)};
     fsw_real x[FSW_MAX_STATES], w[FSW_MAX_DISTURBANCES];
     uint8_t outliers = s->outliers;
     w[0] = 0; /* there may be no disturbance, but its address is handed on */
-    const fsw_status status = observe(d, s, &now, x, w, &outliers);
+    const fsw_status status = observe(d, s, measured, reference, reference_size(d, q), disturbance, x, w, &outliers);
     fsw_decision decision = {status, (uint16_t)candidates, 0, 0, 0};
     if (status == FSW_OK || status == FSW_COASTING) {
         const uint8_t *present = issued(d, s, m, 1);
@@ -768,8 +761,7 @@ INLINE fsw_decision step(const fsw_design *d, fsw_state *s, natural m, natural q
                          const fsw_real *reference, const fsw_real *disturbance, fsw_real *u)
 {
     const natural candidates = CANDIDATES(d);
-    const sample now = {measured, reference, disturbance, reference_size(d, q)};
-    const fsw_status status = observe_and_count(d, s, &now);
+    const fsw_status status = observe_and_count(d, s, measured, reference, reference_size(d, q), disturbance);
     fsw_decision decision = {status, (uint16_t)candidates, 0, 0, 0};
     const uint8_t *present = issued(d, s, m, 1), *command = present;
     if (status == FSW_OK || status == FSW_COASTING) {
@@ -804,8 +796,7 @@ static void follow(const fsw_design *d, fsw_state *s, const fsw_real *measured, 
 {
     const natural m = INPUTS(d), n = STATES(d);
     if (measured) {
-        const sample now = {measured, 0, disturbance, 0};
-        (void)observe_and_count(d, s, &now);
+        (void)observe_and_count(d, s, measured, 0, 0, disturbance);
     } else if (s->primed) {
         fsw_real next[FSW_MAX_STATES];
         coast(d, s, next);

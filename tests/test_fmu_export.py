@@ -209,6 +209,23 @@ def test_it_goes_on_where_the_controller_stands(tmp_path, opened):
         assert fmu.get("command") == u.tolist()
 
 
+def test_a_search_that_gives_up_says_so(tmp_path, opened):
+    plant = fsw.Plant.integrator_lag(k=16500.0, c=0.006, L=0.0043)
+    law = fsw.Controller(plant, [-1, 0, 1], 1e-3, fsw.Horizon(12, move_weight=0.1, node_budget=30), preview=True)
+    fsw.export_fmu(law, tmp_path / "hasty.fmu")
+    fmu, gaps = opened(tmp_path / "hasty.fmu"), []
+    for x, reference, w, u, decision in told("horizon", law, 500):
+        fmu.set(x, reference, w)
+        fmu.advance(law.Ts)
+        assert fmu.get("command") == u.tolist()
+        shown = fmu.get("optimal") + fmu.get("nodes")
+        assert shown == [decision.optimal, decision.nodes]
+        if np.isfinite(decision.gap):
+            gaps.append(decision.gap)
+            assert fmu.get("gap") == [decision.gap]
+    assert {gap > 0.0 for gap in gaps} == {True, False}
+
+
 # Time -----------------------------------------------------------------------------------------------------------------
 
 
@@ -258,6 +275,7 @@ def test_what_the_outputs_show_when(exported, opened):
     assert fmu.get("command") == [0.0]
     for inputs, command in ((high, [1.0]), (low, [0.0]), (high, [1.0])):
         fmu.set(*inputs)
+        assert fmu.get("estimate.x") == inputs[0]
         assert fmu.get("command") == command
     fmu.advance(1e-3)
     assert fmu.get("command") == [1.0]

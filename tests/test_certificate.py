@@ -440,6 +440,12 @@ def test_an_estimator_whose_gate_may_close_is_refused():
     assert "gate" in fsw.certify(controller, noise=5.0).reasons[0]
 
 
+def test_an_estimator_that_hardly_forgets_is_refused_for_itself():
+    estimator = fsw.Kalman(1e-10, 4.0, gate=0)
+    certificate = fsw.certify(valve_controller(estimator=estimator), noise=0.01)
+    assert "estimator has a pole" in certificate.reasons[0]
+
+
 def test_with_two_inputs_each_error_may_exceed_half_its_gap():
     """The bound that takes each input by itself is broken by some of these designs; ours by none."""
     broken = held = 0

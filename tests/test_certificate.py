@@ -519,3 +519,10 @@ def test_mass_is_certified():
         warnings.simplefilter("error")
         certificate = fsw.certify(fsw.Controller(MASS, [-1, 0, 1], 0.05, fsw.Endpoint(0.5, 2.0)))
     assert certificate.holds
+
+
+def test_while_the_papers_rise_lasts_it_strays_by_5_74_kpa():
+    law, rise = valve_controller(), fsw.HalfSine(1000.0, 0.5)
+    run = fsw.simulate(law, rise, 0.5)
+    strayed = np.abs(run.y - fsw.certify(law).ideal(rise, 0.5)).max()
+    assert strayed == pytest.approx(5.74, rel=0.002)

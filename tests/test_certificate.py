@@ -58,7 +58,7 @@ def no_remedy(monkeypatch):
     monkeypatch.setattr("foreswitch.verdict._remedy", lambda *_: "")
 
 
-# The three cases of theory.md, section 4. Its worst observed are of a few references; the adversary comes closer. ---------
+# Three cases with known figures. The worst observed are of a few references; the adversary comes closer. -----------------
 
 
 @pytest.mark.parametrize(

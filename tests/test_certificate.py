@@ -58,7 +58,7 @@ def no_remedy(monkeypatch):
     monkeypatch.setattr("foreswitch.verdict._remedy", lambda *_: "")
 
 
-# The three cases of theory.md, section 4. Its worst observed are of a few references; the adversary comes closer. ---------
+# Three cases with known figures. The worst observed are of a few references; the adversary comes closer. -----------------
 
 
 @pytest.mark.parametrize(
@@ -440,6 +440,12 @@ def test_an_estimator_whose_gate_may_close_is_refused():
     assert "gate" in fsw.certify(controller, noise=5.0).reasons[0]
 
 
+def test_an_estimator_that_hardly_forgets_is_refused_for_itself():
+    estimator = fsw.Kalman(1e-10, 4.0, gate=0)
+    certificate = fsw.certify(valve_controller(estimator=estimator), noise=0.01)
+    assert "estimator has a pole" in certificate.reasons[0]
+
+
 def test_with_two_inputs_each_error_may_exceed_half_its_gap():
     """The bound that takes each input by itself is broken by some of these designs; ours by none."""
     broken = held = 0
@@ -513,3 +519,10 @@ def test_mass_is_certified():
         warnings.simplefilter("error")
         certificate = fsw.certify(fsw.Controller(MASS, [-1, 0, 1], 0.05, fsw.Endpoint(0.5, 2.0)))
     assert certificate.holds
+
+
+def test_while_the_papers_rise_lasts_it_strays_by_5_74_kpa():
+    law, rise = valve_controller(), fsw.HalfSine(1000.0, 0.5)
+    run = fsw.simulate(law, rise, 0.5)
+    strayed = np.abs(run.y - fsw.certify(law).ideal(rise, 0.5)).max()
+    assert strayed == pytest.approx(5.74, rel=0.002)

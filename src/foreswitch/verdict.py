@@ -112,7 +112,13 @@ def misled(loop: ErrorLoop, course: Course | None) -> str:
 
 
 def unstable(loop: ErrorLoop, errors: Errors) -> str:
-    """The ideal loop does not settle."""
+    """The ideal loop does not settle, or the estimator does not."""
+    kalman = loop.controller.kalman
+    if kalman is not None and loop.settles:
+        return (
+            f"The estimator has a pole at |z| = {abs(kalman.poles[0]):.6g}, so near the unit circle that its errors hardly "
+            "decay; raise process_noise or load, or lower measurement_noise"
+        )
     pole = abs(loop.poles[0])
     objective = loop.controller.objective
     where = "outside the unit circle" if pole >= 1.0 else "so near the unit circle that errors hardly decay"

@@ -184,10 +184,17 @@ def test_any_bytes_are_refused_or_run_clean(tmp_path, real):
 
 
 HOLES = {
-    "a dead time beyond the line": ("d->pending[j] >= d->rows || ", ""),
-    "a level that is none": ("if (*command++ >= d->level_count[j]) return 0;", "command++;"),
-    "a missing table": ("!d->model_x ||", ""),
-    "more moves than there is room for": ("h->moves > FSW_MAX_MOVES || ", ""),
+    "a dead time beyond the line": "d->pending[j] >= d->rows || ",
+    "a level that is none": "if (*command++ >= d->level_count[j]) return 0;",
+    "levels out of order": " || (i > 0 && !(level[i - 1] < level[i]))",
+    "a dwell of no period": "dwell[i] == 0 || ",
+    "no holding time": "d->holds[j] == 0 || ",
+    "more loads than disturbances": " || d->loads > d->disturbances",
+    "a line too long": " || (uint32_t)d->rows * d->inputs > FSW_MAX_LINE",
+    "more moves than steps": "h->moves > h->steps ||",
+    "a reference that is not there": "h->lead >= h->steps || ",
+    "a terminal cost too large": " || h->terminal > h->states",
+    "other commands in the horizon": "h->level[i] != d->candidate[i] || ",
 }
 
 
@@ -196,8 +203,8 @@ def test_the_bytes_find_a_check_that_is_left_out(tmp_path, hole):
     for path in (*SOURCES, CORE / "foreswitch.h", CORE / "horizon.h"):
         shutil.copy(path, tmp_path)
     source = tmp_path / "foreswitch.c"
-    assert HOLES[hole][0] in source.read_text()
-    source.write_text(source.read_text().replace(*HOLES[hole]))
+    assert HOLES[hole] in source.read_text()
+    source.write_text(source.read_text().replace(HOLES[hole], "command++;" if hole == "a level that is none" else ""))
     assert replayed(tmp_path, "float64", tmp_path)[0] != 0
 
 

@@ -359,19 +359,35 @@ def examples() -> list[Path]:
     return sorted(found, key=lambda folder: (folder.name != "hot_gas", folder.name))
 
 
-def run_examples(folder: Path) -> None:
-    """Run every example into a folder of its own; what it prints goes beside its pictures. All at once."""
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONWARNINGS": "error"}
+Running = dict[str, tuple[Path, subprocess.Popen[str]]]
+
+
+def started(commands: dict[str, tuple[Path, list[str]]]) -> Running:
+    """Python scripts, each with a folder of its own that is made for it, all at once."""
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONWARNINGS": "error", "COLUMNS": "100"}
     running = {}
-    for example in examples():
-        out = folder / example.name
-        out.mkdir()
-        command = [sys.executable, str(example / "run.py"), str(out)]
-        running[example.name] = out, subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
-    for name, (out, process) in running.items():
-        printed, _ = process.communicate()
+    for name, (out, command) in commands.items():
+        out.mkdir(parents=True)
+        process = subprocess.Popen([sys.executable, *command], env=environment, stdout=subprocess.PIPE, text=True)
+        running[name] = out, process
+    return running
+
+
+def ended(running: Running) -> dict[str, str]:
+    """What each of them printed."""
+    printed = {}
+    for name, (_, process) in running.items():
+        printed[name], _ = process.communicate()
         if process.returncode:
-            raise RuntimeError(f"examples/{name}/run.py failed with exit code {process.returncode}")
+            raise RuntimeError(f"{name} failed with exit code {process.returncode}")
+    return printed
+
+
+def run_examples(folder: Path) -> None:
+    """Run every example into a folder of its own; what it prints goes beside its pictures."""
+    folders = {example: folder / example.name for example in examples()}
+    scripts = {str(each / "run.py"): (out, [str(each / "run.py"), str(out)]) for each, out in folders.items()}
+    for printed, out in zip(ended(started(scripts)).values(), folders.values(), strict=True):
         (out / "printed.txt").write_text(printed)
 
 
@@ -419,6 +435,16 @@ def gallery_page(folder: Path) -> str:
         files = sorted(path.name for path in example.iterdir() if path.suffix in (".toml", ".py", ".csv"))
         parts.append("Files: " + ", ".join(f"{{download}}`{each} <../examples/{name}/{each}>`" for each in files) + ".")
     return "\n\n".join(parts) + "\n"
+
+
+# How-tos -------------------------------------------------------------------------------------------------------------
+
+
+def start_howtos(folder: Path) -> Running:
+    """The snippets of every how-to, which draw its pictures, each page in a folder of its own."""
+    pages = sorted((ROOT / "docs" / "howto").glob("*.md"))
+    script = str(ROOT / "docs" / "snippets.py")
+    return started({str(page): (folder / page.stem, [script, str(page), str(folder / page.stem)]) for page in pages})
 
 
 # Numbers in the text --------------------------------------------------------------------------------------------------
@@ -575,8 +601,10 @@ def build(folder: Path) -> None:
     (folder / "precision.md").write_text(markdown_table(heads, precision_rows()))
     for verb in verbs():
         (folder / f"help_{verb}.txt").write_text(help_text(verb))
+    howtos = start_howtos(folder / "howto")
     run_examples(folder / "gallery")
     (folder / "gallery.md").write_text(gallery_page(folder / "gallery"))
+    ended(howtos)
     demo = run_demo()
     (folder / "demo").mkdir()
     demo.report.write(folder / "demo")

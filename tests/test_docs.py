@@ -1,131 +1,48 @@
-"""The pages: every snippet runs and shows what it really prints; every key and every public name is described.
+"""The pages: every snippet runs and shows what it really prints; every key and every public name is described."""
 
-Blocks of one page run in order, in one namespace and one empty folder:
-
-- ``python``: run; with ``>>>``, as a doctest.
-- ``console``: each ``$ foreswitch ...`` goes through the command line, the lines below it are its output (where there are
-  any), and ``<!-- exit N -->`` above the block is its exit code.
-- ``toml`` that starts with ``# some/path.toml``: written there.
-- ``<!-- not run: reason -->`` above a block: skipped.
-"""
-
-import doctest
+import os
 import re
-import shlex
 import sys
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
 import foreswitch as fsw
-from foreswitch import cli
+from targets.harness import there
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = sorted([*(ROOT / "docs").glob("*.md"), ROOT / "README.md"])
-MARK = re.compile(r"<!-- (not run: .+|exit \d+) -->")
-LANGUAGES = {"python", "console", "toml", "c", "text", "csv"}
-CHECKER = doctest.OutputChecker()
-FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+DOCS = ROOT / "docs"
+HOWTOS = sorted((DOCS / "howto").glob("*.md"))
+PAGES = sorted([*DOCS.glob("*.md"), *HOWTOS, ROOT / "README.md"])
 
-
-class Block(NamedTuple):
-    line: int
-    language: str
-    text: str
-    mark: str
-
-
-def blocks(page: Path) -> list[Block]:
-    """Fenced blocks with the mark above them; MyST directives are not blocks."""
-    found, mark, fence, start, language = [], "", "", 0, ""
-    lines = page.read_text(encoding="utf-8").splitlines()
-    for i, line in enumerate(lines):
-        if fence:
-            if line.strip() == fence:
-                if not language.startswith("{"):
-                    found.append(Block(start + 1, language, "\n".join(lines[start + 1 : i]) + "\n", mark))
-                fence, mark = "", ""
-        elif opening := re.match(r"(```+)\s*(.*)", line):
-            fence, start, language = opening[1], i, opening[2]
-        elif line.strip():
-            hit = MARK.fullmatch(line.strip())
-            mark = hit[1] if hit else ""
-    assert not fence, f"{page.name}: the block at line {start + 1} is not closed"
-    return found
-
-
-def show_difference(where: str, source: str, want: str, got: str) -> str:
-    example = doctest.Example(source, want)
-    return f"{where}: {source}{CHECKER.output_difference(example, got, FLAGS)}"
-
-
-def run_python(where: str, block: Block, names: dict[str, object]) -> None:
-    if ">>>" not in block.text:
-        exec(compile("\n" * block.line + block.text, where.split(":")[0], "exec"), names)
-        return
-    test = doctest.DocTestParser().get_doctest(block.text, names, where, where, block.line)
-    test.globs = names  # the parser copies them; later blocks need what this one defines
-    report: list[str] = []
-    outcome = doctest.DocTestRunner(CHECKER, verbose=False, optionflags=FLAGS).run(
-        test, out=report.append, clear_globs=False
-    )
-    assert outcome.failed == 0, "".join(report)
-
-
-def run_console(where: str, block: Block, capsys: pytest.CaptureFixture[str]) -> None:
-    code = int(block.mark.split()[1]) if block.mark else 0
-    commands = re.split(r"^\$ ", block.text, flags=re.MULTILINE)
-    assert commands[0] == "", f"{where}: a console block starts with '$ '"
-    for command in commands[1:]:
-        line, _, want = command.partition("\n")
-        words = shlex.split(line)
-        assert words[0] == "foreswitch", f"{where}: '{line}' cannot run here; mark the block <!-- not run: reason -->"
-        with pytest.raises(SystemExit) as exit_:
-            cli.main(words[1:])
-        got = "".join(capsys.readouterr())
-        assert exit_.value.code == code, f"{where}: '{line}' left with {exit_.value.code}\n{got}"
-        if want.strip():
-            assert CHECKER.check_output(want, got, FLAGS), show_difference(where, line, want, got)
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_every_snippet_runs(page, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "100")
-    names = {"__name__": "__main__"}
-    for block in blocks(page):
-        where = f"{page.name}:{block.line}"
-        language = block.language
-        assert language in LANGUAGES, f"{where}: give the block a language out of {sorted(LANGUAGES)}"
-        if block.mark.startswith("not run"):
-            continue
-        if language == "python":
-            run_python(where, block, names)
-            capsys.readouterr()
-        elif language == "console":
-            run_console(where, block, capsys)
-        elif language == "toml" and (target := re.match(r"# (\S+\.toml)\n", block.text)):
-            Path(target[1]).parent.mkdir(parents=True, exist_ok=True)
-            Path(target[1]).write_text(block.text, encoding="utf-8")
-
-
-# What the pages cover --------------------------------------------------------------------------------------------------
+sys.path.insert(0, str(DOCS))  # for the modules that the pages are built with; none needs Sphinx
+import snippets  # noqa: E402
 
 
 @pytest.fixture(scope="module")
 def generate():
-    """docs/generate.py, which needs no Sphinx."""
-    sys.path.insert(0, str(ROOT / "docs"))
-    try:
-        import generate
-    finally:
-        sys.path.remove(str(ROOT / "docs"))
+    import generate
+
     return generate
 
 
 def page_text(name: str) -> str:
-    return (ROOT / "docs" / name).read_text(encoding="utf-8")
+    return (DOCS / name).read_text(encoding="utf-8")
+
+
+# What the pages show ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT).with_suffix("")))
+def test_every_snippet_runs(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    if lacking := snippets.run(page, there):
+        pytest.skip(f"target not here: {page.name} lacks {', '.join(lacking)}; all else was run")
+
+
+# What the pages cover --------------------------------------------------------------------------------------------------
 
 
 def test_every_key_is_described(generate):
@@ -195,10 +112,11 @@ def test_every_file_that_a_page_names_exists():
             assert (ROOT / path).exists(), f"{page.name} names {path}"
 
 
-def test_every_page_is_in_the_table_of_contents():
-    tree = re.search(r"```\{toctree\}\n(.*?)```", page_text("index.md"), flags=re.DOTALL)
-    listed = {line for line in tree[1].splitlines() if line and not line.startswith(":")}
-    assert listed == {page.stem for page in (ROOT / "docs").glob("*.md")} - {"index"}
+def test_every_page_is_in_the_table_of_contents_once():
+    trees = re.findall(r"```\{toctree\}\n(.*?)```", page_text("index.md"), flags=re.DOTALL)
+    listed = [line for tree in trees for line in tree.splitlines() if line and not line.startswith(":")]
+    pages = {str(page.relative_to(DOCS).with_suffix("")) for page in PAGES if page.is_relative_to(DOCS)}
+    assert sorted(listed) == sorted(pages - {"index"})
 
 
 def test_the_table_of_measured_records_is_that_of_its_benchmark(generate):

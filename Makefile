@@ -34,7 +34,7 @@ format: .venv/ready
 	$(BIN)/clang-format -i core/*.[ch] src/foreswitch/*.c
 
 # Python changes are live; a change of C or of the metadata reinstalls.
-.venv/ready: pyproject.toml constraints.txt CMakeLists.txt $(wildcard examples/hot_gas/*.toml) LICENSE $(wildcard core/*.[ch] src/foreswitch/*.c)
+.venv/ready: pyproject.toml constraints.txt CMakeLists.txt $(wildcard examples/*/*.toml examples/*/*.csv) LICENSE $(wildcard core/*.[ch] src/foreswitch/*.c)
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/pip install -q -c constraints.txt "scikit-build-core>=0.10" "cmake>=3.26" ninja
 	$(BIN)/pip install -q -c constraints.txt --no-build-isolation -e .[dev]

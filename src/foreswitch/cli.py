@@ -437,6 +437,31 @@ def study(
         print(f"{out / 'report.html'}, pictures and tables beside it")
 
 
+@app.command(epilog="Example: foreswitch page project.toml")
+def page(
+    project: Annotated[
+        Path | None, typer.Argument(metavar="[PROJECT.toml]", help="Project to begin with; default an example.")
+    ] = None,
+    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Where to listen; 0: any free port.")] = 8732,
+    host: Annotated[
+        str, typer.Option("--host", help="Address to listen at; default this machine alone.")
+    ] = "127.0.0.1",
+    remote: Annotated[
+        bool, typer.Option("--remote", help="Let other machines in at --host; they need the link with its token.")
+    ] = False,
+    no_open: Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")] = False,
+) -> None:
+    """Tune a project in the browser, on this machine and offline; Ctrl-C ends it."""
+    try:
+        from foreswitch.page import presets, server
+    except ModuleNotFoundError as error:
+        if error.name not in ("starlette", "uvicorn", "websockets"):
+            raise
+        raise ValueError(f"page needs {error.name}, which is not installed; pip install 'foreswitch[page]'") from None
+    tables = None if project is None else presets.read(project)
+    server.run(tables, host=host, port=port, remote=remote, opened=not no_open)
+
+
 #: Grid points that a terminal shows.
 LINES = 30
 

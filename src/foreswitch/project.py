@@ -209,9 +209,10 @@ class ReferenceTable(Choice):
         "ramp": (("slope",), ("start", "offset")),
         "steps": (("times", "values"), ()),
         "samples": (("file",), ("time", "value", "between")),
+        "points": (("times", "values"), ("between",)),
     }
 
-    kind: Literal["constant", "half_sine", "sine", "ramp", "steps", "samples"] = Key(
+    kind: Literal["constant", "half_sine", "sine", "ramp", "steps", "samples", "points"] = Key(
         description="decides which of the next keys are used"
     )
     value: float | str | None = Key(None, description="constant: value; samples: name of the value column")
@@ -223,18 +224,24 @@ class ReferenceTable(Choice):
     slope: float | None = Key(None, description="ramp: slope [unit of y / s]")
     start: float | None = Key(None, description="half_sine, ramp: when it begins [s]")
     offset: float | None = Key(None, description="half_sine, sine, ramp: added to all values [unit of y]")
-    times: Vector | None = Key(None, description="steps: when each value begins [s]")
-    values: Vector | None = Key(None, description="steps: the values [unit of y]")
+    times: Vector | None = Key(None, description="steps: when each value begins [s]; points: the instants [s]")
+    values: Vector | None = Key(None, description="steps, points: the values [unit of y]")
     file: str | None = Key(None, description="samples: CSV file with a header row, relative to the project file")
     time: str | None = Key(None, description="samples: name of the time column; default the first")
-    between: Literal["pchip", "linear", "hold"] | None = Key(None, description="samples: the curve between them")
+    between: Literal["pchip", "linear", "hold"] | None = Key(
+        None, description="samples, points: the curve between them"
+    )
 
-    def build(self, folder: Path, table: str = "reference") -> Reference:
+    def build(self, folder: Path | None, table: str = "reference") -> Reference:
         """The reference of one output, or the course of one disturbance."""
         arguments = self.arguments(table)
-        if self.kind == "samples":
-            path = folder / arguments.pop("file")
+        if self.kind in ("samples", "points"):
             kind = arguments.pop("between", "pchip")
+            if self.kind == "points":
+                return Samples(self.times or [], self.values or [], kind=kind)
+            if folder is None:
+                raise ValueError(f"[{table}] file is {self.file!r}, and there are no files here; give its points")
+            path = folder / arguments.pop("file")
             return Samples.read_csv(path, kind=kind, **arguments)
         if self.kind == "constant":
             if not isinstance(self.value, float):
@@ -335,8 +342,8 @@ class Project:
     ----------
     content : dict
         The file's tables.
-    folder : path
-        What its paths are relative to.
+    folder : path or None
+        What its paths are relative to; None: it may not name any.
 
     Raises
     ------
@@ -344,8 +351,8 @@ class Project:
         If a key is unknown, missing or of the wrong type, or a value does not fit.
     """
 
-    def __init__(self, content: dict[str, Any], folder: str | Path = ".") -> None:
-        self.file, self.folder = _validated(content), Path(folder)
+    def __init__(self, content: dict[str, Any], folder: str | Path | None = ".") -> None:
+        self.file, self.folder = _validated(content), None if folder is None else Path(folder)
         self.plant = self.file.plant.build()
         self.controller = self.build_controller()
         tables = self.file.reference if isinstance(self.file.reference, list) else [self.file.reference]
@@ -380,7 +387,7 @@ class Project:
         twin._simulated()
         return twin
 
-    def _disturbances(self, folder: Path) -> Stack | None:
+    def _disturbances(self, folder: Path | None) -> Stack | None:
         """The disturbances that run a course of their own."""
         tables, wanted = self.file.simulation.disturbance, self.truth.disturbances
         courses = [

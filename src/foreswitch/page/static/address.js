@@ -1,0 +1,54 @@
+// The address bar holds the state: a link, safe over a reload, undone by the browser's back button.
+
+import { decode, encode } from "./link.js";
+
+/** Changes of one field closer together than this are one step back [ms]. */
+const ONE_STEP = 1200;
+/** Browsers refuse more than about 200 changes of the address in half a minute [ms]. */
+const PAUSE = 200;
+
+/**
+ * @param {(state: object|null) => void} arrived called with the state of an address gone to; null: damaged
+ * @returns {{read: () => Promise<object|null|undefined>, note: (state: object, what: string) => void}}
+ */
+export function address(arrived) {
+  let written = location.hash.slice(1);
+  let last = { what: "", at: -Infinity };
+  let waiting = null;
+
+  async function write() {
+    const { state, push } = waiting;
+    waiting = null;
+    const text = await encode(state);
+    if (text === written) return;
+    written = text;
+    history[push ? "pushState" : "replaceState"](null, "", text ? `#${text}` : location.pathname);
+  }
+
+  async function read() {
+    const text = location.hash.slice(1);
+    written = text;
+    if (!text) return undefined;
+    return decode(text).catch(() => null);
+  }
+
+  window.addEventListener("popstate", async () => {
+    waiting = null;
+    last = { what: "", at: -Infinity };
+    const state = await read();
+    if (state !== undefined) arrived(state);
+  });
+
+  function note(state, what) {
+    const now = performance.now();
+    const apart = what !== last.what || now - last.at > ONE_STEP;
+    last = { what, at: now };
+    if (waiting) waiting = { state, push: waiting.push || (apart && what !== "") };
+    else {
+      waiting = { state, push: apart && what !== "" };
+      setTimeout(() => waiting && write(), PAUSE);
+    }
+  }
+
+  return { read, note };
+}

@@ -1,0 +1,23 @@
+// Colours of lines, as the style sheet has them for light, dark and print.
+
+const NAMES = ["ink", "soft", "grid", "paper", "output", "reference", "band", "command", "landing", "other-1", "other-2", "other-3", "other-4"];
+/** Beside its colour, each overlay has its own dashes, for readers who see no colours [px]. */
+export const DASHES = [[8, 3], [2, 3], [10, 3, 2, 3], [5, 5]];
+
+/** @returns {Record<string, string>} */
+export function colours() {
+  const probe = document.createElement("i");
+  document.body.append(probe);
+  const found = Object.fromEntries(NAMES.map((name) => {
+    probe.style.color = `var(--${name})`;
+    return [name, getComputedStyle(probe).color];
+  }));
+  probe.remove();
+  return found;
+}
+
+/**
+ * @param {number} i of an overlay
+ * @returns {string} name of its colour
+ */
+export const otherColour = (i) => `other-${(i % 4) + 1}`;

@@ -1,0 +1,68 @@
+// Runs beside the present one: pinned settings, and simple laws tuned for the same task.
+
+import { byId, make } from "./dom.js";
+import { DASHES, otherColour } from "./colours.js";
+import { show } from "./scale.js";
+
+export const BASELINES = [["relay", "relay with hysteresis"], ["pi_pwm", "PI with pulse width modulation"], ["smith_pwm", "Smith predictor with pulse width modulation"]];
+
+/**
+ * A line of the legend: colour and dashes as drawn.
+ * @param {string} colour name in the style sheet
+ * @param {number[]} dash
+ * @returns {Element}
+ */
+export function swatch(colour, dash = []) {
+  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+  for (const [name, value] of Object.entries({ viewBox: "0 0 28 8", "aria-hidden": "true", class: "swatch" })) svg.setAttribute(name, value);
+  const line = document.createElementNS("http://www.w3.org/2000/svg", "path");
+  for (const [name, value] of Object.entries({ d: "M0 4h28", class: `line-${colour}`, "stroke-dasharray": dash.join(" ") })) line.setAttribute(name, value);
+  svg.append(line);
+  return svg;
+}
+
+/**
+ * @param {{pin: (name: string) => void, unpin: (i: number) => void, use: (i: number) => void, toggle: (which: string, on: boolean) => void}} acts
+ * @returns {{show: (view: object, baselines: Record<string, object>) => void}}
+ */
+export function comparePanel(acts) {
+  const name = byId("pin-name");
+  byId("pinning").addEventListener("submit", (event) => {
+    event.preventDefault();
+    acts.pin(name.value.trim());
+    name.value = "";
+  });
+  const boxes = new Map();
+  for (const [which, words] of BASELINES) {
+    const box = make("input", { type: "checkbox", id: `baseline-${which}`, "aria-describedby": `baseline-${which}-about` });
+    const about = make("p", { className: "about", id: `baseline-${which}-about` });
+    box.addEventListener("change", () => acts.toggle(which, box.checked));
+    byId("baselines").append(make("label", { className: "tick", for: box.id }, box, ` ${words}`), about);
+    boxes.set(which, { box, about });
+  }
+  let listed = "";
+
+  return {
+    show(view, baselines) {
+      const now = JSON.stringify(view.pins.map((pin) => pin.name));
+      if (now !== listed) {
+        listed = now;
+        byId("pins").replaceChildren(...view.pins.map((pin, i) => {
+          const use = make("button", { type: "button", "aria-label": `Set everything as in ${pin.name}` }, "Use");
+          const remove = make("button", { type: "button", "aria-label": `Remove ${pin.name}` }, "Remove");
+          use.addEventListener("click", () => acts.use(i));
+          remove.addEventListener("click", () => acts.unpin(i));
+          return make("li", {}, swatch(otherColour(i), DASHES[i % 4]), make("span", {}, pin.name), use, remove);
+        }));
+      }
+      for (const [which, { box, about }] of boxes) {
+        const on = view.baselines.includes(which);
+        box.checked = on;
+        const found = baselines[which];
+        about.classList.toggle("complaint", Boolean(on && found?.error));
+        about.textContent = !on ? "" : found?.error ? found.error.message
+          : found?.parameters ? Object.entries(found.parameters).map(([key, value]) => `${key} ${show(value)}`).join(", ") : "being tuned …";
+      }
+    },
+  };
+}

@@ -1,0 +1,29 @@
+// What every candidate would have cost at the cursor.
+
+import { byId, make, tableParts } from "./dom.js";
+import { show } from "./scale.js";
+import { command, sentence } from "./words.js";
+
+/** So many candidates are listed, the best first. */
+const LISTED = 16;
+
+/**
+ * @param {object} thought reply to "costs"
+ * @param {object} run reply to "look"
+ */
+export function showCosts(thought, run) {
+  const { costs, candidates, chosen } = thought;
+  const order = [...costs.keys()].sort((a, b) => (Number.isFinite(costs[a]) ? costs[a] : Infinity) - (Number.isFinite(costs[b]) ? costs[b] : Infinity) || a - b).slice(0, LISTED);
+  const most = Math.max(...[...costs].filter(Number.isFinite), 0);
+  const heads = ["command", "predicted cost", ""];
+  const rows = order.map((i) => {
+    const known = Number.isFinite(costs[i]);
+    const bar = make("meter", { min: 0, max: most || 1, value: known ? costs[i] : 0, "aria-label": `cost ${known ? show(costs[i]) : "none"}` });
+    return [command(candidates[i], run.inputs), known ? make("span", { className: "bar-cell" }, bar, show(costs[i], 4)) : "not allowed now", i === chosen ? "chosen" : ""];
+  });
+  const left = costs.length - order.length;
+  const t = `${show(thought.step * run.Ts, 5)} s`;
+  const note = thought.status === "OK" ? "" : ` ${sentence(thought.remedy || thought.status)}`;
+  const caption = `What each command would have cost at ${t}, at the cursor${left > 0 ? `; ${left} dearer ones are left out` : ""}.${note}`;
+  byId("costs").replaceChildren(make("table", {}, ...tableParts(heads, rows, caption)));
+}

@@ -1,0 +1,177 @@
+// The fields of the page: a slider and a number for each number, kept in step with the state.
+
+import { make } from "./dom.js";
+import { STEPS, clean, show } from "./scale.js";
+
+/** @param {string} path */
+const slug = (path) => `knob-${path.replaceAll(".", "-")}`;
+
+/** What one press of an arrow key adds in a number field: one in the second digit. */
+function nudge(value) {
+  return value ? clean(10 ** (Math.floor(Math.log10(Math.abs(value))) - 1)) : 0.001;
+}
+
+/**
+ * @param {HTMLElement} root
+ * @param {(change: (state: object) => object, how: {path: string, done: boolean}) => void} changed done: let go, not dragged
+ * @param {(path: string) => string} describe
+ * @returns {{show: (groups: object[], state: object, afresh: boolean) => void, complain: (error: object|null) => boolean}}
+ */
+export function knobs(root, changed, describe) {
+  let shape = "";
+  let rows = new Map(); // path -> {field, element, update, complaint}
+  let folded = new Map(); // group -> open, as the reader left it
+
+  function complainAt(row, message) {
+    row.complaint.textContent = message;
+    row.complaint.hidden = !message;
+    for (const input of row.inputs) {
+      if (message) input.setAttribute("aria-invalid", "true");
+      else input.removeAttribute("aria-invalid");
+    }
+  }
+
+  function commit(row, value, done) {
+    try {
+      complainAt(row, "");
+      changed((state) => row.field.write(state, value), { path: row.field.path, done });
+    } catch (error) {
+      complainAt(row, error.message);
+    }
+  }
+
+  function numberRow(row, id, described) {
+    const { field } = row;
+    const label = make("label", { for: id }, field.label);
+    const unit = make("span", { className: "unit" }, field.unit ?? "");
+    const slider = make("input", { type: "range", id: `${id}-slider`, min: 0, max: STEPS, step: 1, "aria-label": `${field.label}, slider` });
+    const entry = make("input", { type: "number", id, step: "any", "aria-describedby": described });
+    let scale = null;
+
+    function place(value, afresh) {
+      const known = Number.isFinite(value);
+      if (afresh || !scale || (known && !(scale.share(value) >= 0 && scale.share(value) <= 1))) scale = field.scale(known ? value : 0);
+      slider.value = known ? Math.round(STEPS * scale.share(value)) : 0;
+      slider.setAttribute("aria-valuetext", known ? `${show(value, 4)} ${field.unit ?? ""}`.trim() : "not given");
+    }
+
+    slider.addEventListener("input", () => {
+      const share = Number(slider.value) / STEPS;
+      const value = field.whole ? Math.round(scale.value(share)) : scale.value(share);
+      entry.value = value;
+      slider.setAttribute("aria-valuetext", `${show(value, 4)} ${field.unit ?? ""}`.trim());
+      commit(row, value, false);
+    });
+    slider.addEventListener("change", () => commit(row, Number(entry.value), true));
+    const typed = (done) => {
+      if (entry.value === "" || !Number.isFinite(entry.valueAsNumber)) {
+        complainAt(row, `${field.label} is empty; give a number`);
+        return;
+      }
+      place(entry.valueAsNumber, false);
+      commit(row, entry.valueAsNumber, done);
+    };
+    entry.addEventListener("input", () => typed(false));
+    entry.addEventListener("change", () => typed(true));
+    row.inputs = [entry, slider];
+    row.update = (state, afresh) => {
+      const value = field.read(state);
+      if (document.activeElement !== entry) entry.value = value ?? "";
+      entry.step = field.whole ? 1 : nudge(value ?? 0);
+      if (document.activeElement !== slider || afresh) place(value, afresh);
+    };
+    return [label, slider, make("span", { className: "entry" }, entry, unit)];
+  }
+
+  function choiceRow(row, id, described) {
+    const { field } = row;
+    const select = make("select", { id, "aria-describedby": described },
+      ...field.choices.map(([value, words]) => make("option", { value }, words)));
+    select.addEventListener("change", () => commit(row, select.value, true));
+    row.inputs = [select];
+    row.update = (state) => (select.value = field.read(state));
+    return [make("label", { for: id }, field.label), select];
+  }
+
+  function textRow(row, id, described) {
+    const { field } = row;
+    const entry = make("input", { type: "text", id, spellcheck: false, "aria-describedby": described });
+    entry.addEventListener("change", () => commit(row, entry.value, true));
+    row.inputs = [entry];
+    row.update = (state) => {
+      if (document.activeElement !== entry) entry.value = field.read(state);
+    };
+    return [make("label", { for: id }, field.label, field.unit ? make("span", { className: "unit" }, ` ${field.unit}`) : ""), entry];
+  }
+
+  function tickRow(row, id, described) {
+    const { field } = row;
+    const box = make("input", { type: "checkbox", id, "aria-describedby": described });
+    box.addEventListener("change", () => commit(row, box.checked, true));
+    row.inputs = [box];
+    row.update = (state) => (box.checked = field.read(state));
+    return [make("label", { for: id, className: "tick" }, box, ` ${field.label}`)];
+  }
+
+  const kinds = { number: numberRow, choice: choiceRow, text: textRow, tick: tickRow };
+
+  function built(field) {
+    const id = slug(field.path);
+    const row = { field };
+    const help = describe(field.path);
+    row.complaint = make("p", { id: `${id}-complaint`, className: "complaint", hidden: true });
+    const parts = kinds[field.kind](row, id, `${id}-help ${id}-complaint`);
+    row.element = make("div", { className: `knob ${field.kind}`, title: help }, ...parts, row.complaint,
+      make("span", { id: `${id}-help`, hidden: true }, help));
+    row.element.dataset.path = field.path;
+    rows.set(field.path, row);
+    return row.element;
+  }
+
+  function build(groups) {
+    const focused = document.activeElement?.id;
+    rows = new Map();
+    root.replaceChildren(...groups.map((group) => {
+      const details = make("details", { open: folded.get(group.id) ?? group.open },
+        make("summary", {}, make("h3", {}, group.title)), make("div", { className: "group" }, ...group.fields.map(built)));
+      details.addEventListener("toggle", () => folded.set(group.id, details.open));
+      return details;
+    }));
+    if (focused && root.querySelector(`#${CSS.escape(focused)}`)) root.querySelector(`#${CSS.escape(focused)}`).focus();
+  }
+
+  root.addEventListener("submit", (event) => event.preventDefault());
+  return {
+    show(groups, state, afresh) {
+      const now = JSON.stringify(groups.map(({ id, title, fields }) => [id, title, fields.map(({ path, label, kind, unit, choices }) => [path, label, kind, unit, choices])]));
+      if (now !== shape) {
+        shape = now;
+        build(groups);
+        afresh = true;
+      }
+      for (const { fields } of groups) {
+        for (const field of fields) {
+          const row = rows.get(field.path);
+          row.field = field;
+          row.update(state, afresh);
+        }
+      }
+    },
+    complain(error) {
+      for (const row of rows.values()) complainAt(row, "");
+      if (!error) return true;
+      const parts = (error.field ?? "").split(".");
+      while (parts.length) {
+        const path = parts.join(".");
+        const row = rows.get(path) ?? (parts.length > 1 ? rows.get(`${path}.0`) : undefined);
+        if (row) {
+          complainAt(row, error.message);
+          row.element.closest("details").open = true;
+          return true;
+        }
+        parts.pop();
+      }
+      return false;
+    },
+  };
+}

@@ -1,0 +1,312 @@
+// The page: one state, shown in fields and picture, asked of the server, kept in the address.
+
+import { address } from "./address.js";
+import { DASHES, otherColour } from "./colours.js";
+import { BASELINES, comparePanel, swatch } from "./compare.js";
+import { showCosts } from "./costs.js";
+import { byId, make, tableParts } from "./dom.js";
+import { dropped } from "./drop.js";
+import { exportsPanel } from "./exports.js";
+import { groups, meaning } from "./fields.js";
+import { identifyPanel } from "./identify.js";
+import { knobs } from "./knobs.js";
+import { picture } from "./picture.js";
+import { request } from "./post.js";
+import { tabs } from "./tabs.js";
+import { themeSwitch } from "./themeswitch.js";
+import { HEADS, figures, sentence, summary, verdict } from "./words.js";
+import { wire } from "./wire.js";
+
+/** Slow questions wait until the settings rest so long [ms]. */
+const REST = 350;
+/** Measured times from a slider to the picture that are kept, for whoever wants to see them. */
+const TIMES = 500;
+
+const start = await (await request("/start.json")).json();
+const fresh = (project) => ({ v: 1, project, options: {}, view: { pins: [], baselines: [], step: 0 } });
+
+let state = fresh(start.project);
+let run = null; // the last run that could be made
+let proof; // of the present settings; undefined: not there yet
+let rest = 0; // timer of the slow questions
+let dragging = false;
+const beside = new Map(); // lane -> {key, run, proof, error}: pinned runs and baselines
+
+const asked = ({ project, options }) => ({ project, options });
+const key = (each) => JSON.stringify([each.project, each.options]);
+
+// Telling --------------------------------------------------------------------------------------------------------------
+
+function speak(text) {
+  byId("spoken").textContent = text;
+}
+
+function notice(text) {
+  byId("notice").textContent = text;
+  byId("notice").hidden = !text;
+}
+
+function trouble(error) {
+  const shown = fields.complain(error);
+  const line = byId("trouble");
+  line.hidden = !error;
+  line.textContent = error ? `${sentence(error.message)}${run ? " The picture is of the last settings that worked." : ""}` : "";
+  document.body.classList.toggle("old", Boolean(error));
+  if (error) speak(shown ? `${error.message}` : line.textContent);
+}
+
+// Asking ---------------------------------------------------------------------------------------------------------------
+
+function look(begun) {
+  const mine = asked(state);
+  server.ask("look", "", mine, (reply) => {
+    if (reply.error) {
+      if (key(mine) === key(state)) trouble(reply.error);
+      return;
+    }
+    trouble(null);
+    run = reply;
+    drawing.show(run, state.view.step, dragging);
+    byId("summary").textContent = summary(run);
+    table();
+    if (begun !== undefined) painted(begun);
+    if (!dragging) speak(summary(run));
+    think();
+  });
+}
+
+/** Notes the time from an event to the picture it led to, once that is painted. */
+function painted(begun) {
+  requestAnimationFrame(() => {
+    const channel = new MessageChannel();
+    channel.port1.onmessage = () => {
+      if (performance.getEntriesByName("slider to picture").length >= TIMES) performance.clearMeasures("slider to picture");
+      performance.measure("slider to picture", { start: begun });
+    };
+    channel.port2.postMessage(null);
+  });
+}
+
+function think() {
+  if (!run) return;
+  const step = Math.min(state.view.step, run.u[0].length - 1);
+  const of = run;
+  server.ask("costs", "", { ...asked(state), step }, (reply) => {
+    if (reply.error || of !== run) return;
+    drawing.thought(reply);
+    showCosts(reply, run);
+  });
+}
+
+function prove() {
+  const mine = asked(state);
+  server.ask("certify", "", mine, (reply) => {
+    if (key(mine) !== key(state)) return;
+    if (reply.error) {
+      proof = { holds: false, reasons: [reply.error.message] };
+      drawing.band(null);
+    } else {
+      proof = reply;
+      drawing.band(reply.holds && reply.low ? { ...reply, fresh: true } : null);
+    }
+    if (run) byId("proof").textContent = verdict(proof, run.outputs);
+    legend();
+    table();
+  });
+}
+
+/** Pinned runs and baselines that are shown but not there yet. */
+function others() {
+  const wanted = new Map(state.view.pins.map((pin) => [`pin ${key(pin)}`, { kind: "look", ...asked(pin) }]));
+  for (const which of state.view.baselines) wanted.set(which, { kind: "baseline", which, ...asked(state) });
+  for (const lane of beside.keys()) if (!wanted.has(lane)) beside.delete(lane);
+  for (const [lane, { kind, ...body }] of wanted) {
+    const mine = key(body);
+    const held = beside.get(lane);
+    if (held?.key === mine) continue;
+    beside.set(lane, { ...held, error: undefined, key: mine, waiting: true });
+    const current = () => beside.get(lane)?.key === mine;
+    server.ask(kind, lane, body, (reply) => {
+      if (!current()) return;
+      beside.set(lane, reply.error ? { key: mine, error: reply.error } : { key: mine, run: reply });
+      overlays();
+    });
+    if (kind === "look") {
+      server.ask("certify", lane, body, (reply) => {
+        if (!current()) return;
+        beside.set(lane, { ...beside.get(lane), proof: reply.error ? { holds: false } : reply });
+        table();
+      });
+    }
+  }
+  overlays();
+}
+
+/** Runs beside the present one, in their order, with the number of their colour. */
+function drawn() {
+  const pins = state.view.pins.map((pin, i) => ({ label: pin.name, lane: `pin ${key(pin)}`, colour: i }));
+  const laws = BASELINES.filter(([which]) => state.view.baselines.includes(which))
+    .map(([which, words]) => ({ label: words, lane: which, colour: state.view.pins.length + BASELINES.findIndex(([each]) => each === which), law: true }));
+  return [...pins, ...laws].map((each) => ({ ...each, ...beside.get(each.lane) }));
+}
+
+function overlays() {
+  const there = drawn();
+  drawing.overlay(there.filter((each) => each.run).map((each) => ({ t: each.run.t, y: each.run.y, colour: each.colour, fresh: !each.waiting })));
+  comparing.show(state.view, Object.fromEntries(there.filter((each) => each.law).map((each) => [each.lane, { error: each.error, parameters: each.run?.parameters }])));
+  legend();
+  table();
+}
+
+function legend() {
+  const item = (mark, text) => make("li", {}, mark, text);
+  const lines = [item(swatch("output"), "output"), item(swatch("reference", [6, 4]), "reference")];
+  if (proof?.holds) lines.push(item(make("span", { className: "swatch area" }), "proven band"));
+  for (const each of drawn()) if (each.run) lines.push(item(swatch(otherColour(each.colour), DASHES[each.colour % 4]), each.label));
+  byId("legend").replaceChildren(...lines);
+}
+
+function table() {
+  if (!run) return;
+  const { outputs } = run;
+  const rows = [["this run", ...figures(run.metrics, outputs, proof)]];
+  for (const each of drawn()) if (each.run) rows.push([each.label, ...figures(each.run.metrics, each.run.outputs, each.law ? null : each.proof)]);
+  byId("figures").replaceChildren(...tableParts(HEADS, rows, "Figures of merit; several outputs or inputs in their order"));
+}
+
+// Changing -------------------------------------------------------------------------------------------------------------
+
+/** Takes over another state; `what` names the change, so that the back button undoes it as one. */
+function become(next, { what = "", begun, dragged = false, afresh = false } = {}) {
+  const differs = key(next) !== key(state);
+  const letGo = dragging && !dragged;
+  state = next;
+  dragging = dragged;
+  fields.show(groups(state), state, afresh);
+  links.note(state, what);
+  if (differs || !run) {
+    proof = undefined;
+    drawing.dim();
+    look(begun);
+  } else if (letGo) {
+    drawing.show(run, state.view.step, false);
+    speak(summary(run));
+  }
+  clearTimeout(rest);
+  if (differs || proof === undefined) {
+    byId("proof").textContent = "Looking for a proof …";
+    rest = setTimeout(() => (prove(), others()), REST);
+  } else others();
+}
+
+function loaded(project, what) {
+  notice("");
+  become({ ...fresh(project), view: { ...state.view, step: 0 } }, { what, afresh: true });
+}
+
+/** The project drafted for a plant that was found. */
+function used({ project, fit }) {
+  opened("tune");
+  byId("tab-tune").focus();
+  loaded(project, "model");
+  speak(`the model ${[fit.structure].flat().join(", ")} is used`);
+}
+
+const fields = knobs(byId("knobs"), (change, { path, done }) => {
+  const begun = performance.now();
+  become(change(state), { what: path, begun, dragged: !done });
+}, (path) => meaning(path, start.schema));
+
+const drawing = picture((step, done) => {
+  state = { ...state, view: { ...state.view, step } };
+  links.note(state, "cursor");
+  think();
+});
+
+const comparing = comparePanel({
+  pin(name) {
+    const label = name || `run ${state.view.pins.length + 1}`;
+    become({ ...state, view: { ...state.view, pins: [...state.view.pins, { name: label, ...asked(state) }] } }, { what: `pin ${state.view.pins.length}` });
+    others();
+    speak(`${label} is pinned`);
+  },
+  unpin(i) {
+    become({ ...state, view: { ...state.view, pins: state.view.pins.filter((_, j) => j !== i) } }, { what: `unpin ${i}` });
+  },
+  use(i) {
+    const { project, options } = state.view.pins[i];
+    become({ ...state, project, options }, { what: `use ${i}`, afresh: true });
+  },
+  toggle(which, on) {
+    const baselines = on ? [...state.view.baselines, which] : state.view.baselines.filter((each) => each !== which);
+    become({ ...state, view: { ...state.view, baselines } }, { what: which });
+  },
+});
+
+const identifying = identifyPanel({ use: used, speak });
+exportsPanel(() => state, speak);
+
+const shown = tabs((id) => {
+  byId("run").hidden = id === "identify";
+  byId("record-picture").hidden = id !== "identify";
+});
+const opened = (id) => shown(id);
+
+const take = dropped({
+  project: (project) => loaded(project, "opened"),
+  record(file) {
+    opened("identify");
+    identifying.load(file);
+  },
+  complain: (error) => notice(sentence(error.message)),
+});
+byId("open").addEventListener("change", (event) => {
+  take([...event.target.files]);
+  event.target.value = "";
+});
+
+const presets = byId("presets");
+presets.append(make("option", { value: "" }, "choose …"), ...start.presets.map((each) => make("option", { value: each.name, title: each.about ?? "" }, each.title)));
+presets.addEventListener("change", () => {
+  const preset = start.presets.find((each) => each.name === presets.value);
+  if (preset) loaded(preset.project, `preset ${preset.name}`);
+});
+
+themeSwitch(() => {
+  drawing.restyle();
+  identifying.restyle();
+});
+
+// What a setting means, for the field in focus or under the pointer
+const tell = (event) => {
+  const row = event.target.closest?.("[data-path]");
+  byId("help").textContent = row ? meaning(row.dataset.path, start.schema) : "";
+};
+document.addEventListener("focusin", tell);
+document.addEventListener("pointerover", tell);
+
+// Beginning ------------------------------------------------------------------------------------------------------------
+
+const links = address((next) => {
+  if (!next) {
+    notice("This link is damaged; the settings before it are kept.");
+    links.note(state, "");
+    return;
+  }
+  become(whole(next), { afresh: true });
+});
+
+/** With everything that a link made by hand may leave out. */
+function whole(next) {
+  const empty = fresh(next.project);
+  return { ...empty, ...next, options: next.options ?? {}, view: { ...empty.view, ...next.view } };
+}
+
+const server = wire(({ open, wait }) => {
+  notice(open ? "" : `The server does not answer; trying again in ${Math.ceil(wait / 1000)} s. Nothing is lost.`);
+});
+
+const linked = await links.read();
+if (linked === null) notice(`This link is damaged; here is ${start.presets[0]?.title ?? "an example"} instead.`);
+become(whole(linked ?? state), { afresh: true });
+identifying.restore();

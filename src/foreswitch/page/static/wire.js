@@ -1,0 +1,87 @@
+// One WebSocket: requests out, replies in. In each lane one request is under way and the newest waits, so that
+// nothing queues while a slider is dragged; after a broken connection what was under way is asked again.
+
+/** Waits between attempts to connect: from the first to the longest [ms]. */
+const FIRST = 250;
+const LONGEST = 8000;
+
+/**
+ * Header and arrays of one binary message.
+ * @param {ArrayBuffer} message
+ * @returns {object} the header, its arrays as Float32Arrays or lists of them, one per row
+ */
+export function unpack(message) {
+  const length = new DataView(message).getUint32(0, true);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(message, 4, length)));
+  const numbers = new Float32Array(message, 4 + length);
+  for (const [name, [offset, shape]] of Object.entries(header.arrays ?? {})) {
+    const row = shape.length > 1 ? shape[1] : shape[0];
+    const rows = Array.from({ length: shape.length > 1 ? shape[0] : 1 }, (_, i) => numbers.subarray(offset + i * row, offset + (i + 1) * row));
+    header[name] = shape.length > 1 ? rows : rows[0];
+  }
+  delete header.arrays;
+  return header;
+}
+
+/**
+ * @param {(state: {open: boolean, wait: number}) => void} noticed of a connection lost, with the wait [ms], or found again
+ * @returns {{ask: (kind: string, lane: string, body: object, answered: (reply: object) => void) => void}}
+ */
+export function wire(noticed) {
+  const lanes = new Map(); // kind and lane -> {sent, next}, each {id, body, answered}
+  let socket = null;
+  let wait = FIRST;
+  let number = 0;
+
+  const open = () => socket?.readyState === WebSocket.OPEN;
+
+  function send(lane) {
+    if (!open() || lane.sent || !lane.next) return;
+    lane.sent = { ...lane.next, id: ++number };
+    lane.next = null;
+    socket.send(JSON.stringify({ id: lane.sent.id, ...lane.sent.body }));
+  }
+
+  function received(event) {
+    const reply = unpack(event.data);
+    const lane = [...lanes.values()].find((each) => each.sent?.id === reply.id);
+    if (!lane) return;
+    const { answered } = lane.sent;
+    lane.sent = null;
+    if (!reply.stale) answered(reply);
+    send(lane);
+  }
+
+  function lost() {
+    for (const lane of lanes.values()) {
+      lane.next ??= lane.sent;
+      lane.sent = null;
+    }
+    noticed({ open: false, wait });
+    setTimeout(connect, wait);
+    wait = Math.min(2 * wait, LONGEST);
+  }
+
+  function connect() {
+    socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
+    socket.binaryType = "arraybuffer";
+    socket.onmessage = received;
+    socket.onclose = lost;
+    socket.onopen = () => {
+      wait = FIRST;
+      noticed({ open: true, wait: 0 });
+      for (const lane of lanes.values()) send(lane);
+    };
+  }
+
+  connect();
+  return {
+    ask(kind, name, body, answered) {
+      const key = `${kind} ${name}`;
+      const lane = lanes.get(key) ?? { sent: null, next: null };
+      lanes.set(key, lane);
+      lane.next = { body: { kind, lane: name, ...body }, answered };
+      send(lane);
+    },
+  };
+}

@@ -1,0 +1,76 @@
+// A run and its certificate in sentences and rows of figures.
+
+import { show } from "./scale.js";
+import { bare, unitOf } from "./sizes.js";
+
+const time = (seconds) => (seconds === null || seconds === undefined ? "–" : Math.abs(seconds) < 1 ? `${show(1000 * seconds)} ms` : `${show(seconds)} s`);
+const withUnit = (value, name) => `${show(value)} ${unitOf(name)}`.trim();
+
+/**
+ * What the picture shows, for those who do not see it.
+ * @param {object} run reply to "look"
+ * @returns {string}
+ */
+export function summary(run) {
+  const { metrics } = run;
+  const outputs = run.outputs.map((name, q) => {
+    const lag = metrics.lag[q];
+    const shift = Math.abs(lag) < 1e-9 ? "without lag" : lag > 0 ? `${time(lag)} behind` : `${time(-lag)} ahead`;
+    return `${bare(name)} follows its reference with an rms error of ${withUnit(metrics.rms_error[q], name)}, ${shift}; with that lag taken out, ${withUnit(metrics.rms_error_at_lag[q], name)} remain`;
+  });
+  const inputs = run.inputs.map((name, j) => `${bare(name)} switches ${metrics.switches[j]} times`);
+  const odd = (run.statuses ?? []).map((each) => `In ${each.count} periods: ${each.remedy || each.name}.`);
+  const text = `${outputs.join("; ")}. ${inputs.join(", ")} in ${time(run.t.at(-1))}.`;
+  return [text[0].toUpperCase() + text.slice(1), ...odd].join(" ");
+}
+
+/**
+ * What is proven, or why nothing is.
+ * @param {object} proof reply to "certify"
+ * @param {string[]} outputs
+ * @returns {string}
+ */
+export function verdict(proof, outputs) {
+  if (!proof.holds) return `Not proven: ${sentence(proof.reasons?.[0] ?? "")}`;
+  const bounds = outputs.map((name, q) => `${withUnit(proof.error_bound[q], name)}${outputs.length > 1 ? ` (${bare(name)})` : ""}`);
+  return `Proven: never further than ${bounds.join(", ")} from the ideal response, at any time, whatever reference keeps within reach (the shaded band).`;
+}
+
+/**
+ * With a full stop.
+ * @param {string} text
+ * @returns {string}
+ */
+export function sentence(text) {
+  return /[.!?]$/.test(text) ? text : `${text}.`;
+}
+
+/** Heads of the table of runs. */
+export const HEADS = ["run", "rms error", "lag", "rms error without it", "largest error", "switches", "time on", "proven bound"];
+
+/**
+ * A row of that table.
+ * @param {object} metrics of a run
+ * @param {string[]} outputs
+ * @param {object|null|undefined} proof null: none is made of such a law; undefined: not there yet
+ * @returns {string[]}
+ */
+export function figures(metrics, outputs, proof) {
+  const inUnit = (values) => values.map((value, q) => withUnit(value, outputs[q])).join(", ");
+  const times = (values) => values.map(time).join(", ");
+  const bound = proof === undefined ? "…" : proof === null ? "" : proof.holds ? inUnit(proof.error_bound) : "none";
+  return [
+    inUnit(metrics.rms_error), times(metrics.lag), inUnit(metrics.rms_error_at_lag), inUnit(metrics.max_error),
+    metrics.switches.join(", "), times(metrics.on_time), bound,
+  ];
+}
+
+/**
+ * A command's levels.
+ * @param {Float32Array|number[]} levels
+ * @param {string[]} inputs
+ * @returns {string}
+ */
+export function command(levels, inputs) {
+  return inputs.map((name, j) => `${bare(name)} ${show(levels[j])}`).join(", ");
+}

@@ -11,7 +11,7 @@ from foreswitch._check import Array
 from foreswitch._files import write_whole
 from foreswitch._text import nearest
 
-__all__ = ["read_columns", "write_columns"]
+__all__ = ["read_columns", "split", "write_columns"]
 
 
 def read_columns(path: str | Path, wanted: Sequence[str | int], *, gaps: bool = False) -> tuple[list[Array], list[str]]:
@@ -32,7 +32,7 @@ def read_columns(path: str | Path, wanted: Sequence[str | int], *, gaps: bool = 
     """
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
-            rows = _split(file.read())
+            rows = split(file.read())
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ValueError(
             f"{path} cannot be read ({getattr(error, 'strerror', None) or error}); give a CSV file in UTF-8"
@@ -58,7 +58,7 @@ def read_columns(path: str | Path, wanted: Sequence[str | int], *, gaps: bool = 
     return columns, names
 
 
-def _split(text: str) -> list[tuple[int, list[str]]]:
+def split(text: str) -> list[tuple[int, list[str]]]:
     """Line numbers and cells of the rows that are not blank."""
     first = next((line for line in text.splitlines() if line.strip()), "")
     delimiter = next((mark for mark in ",;\t" if mark in first), None)

@@ -352,11 +352,12 @@ class Project:
     """
 
     def __init__(self, content: dict[str, Any], folder: str | Path | None = ".") -> None:
-        self.file, self.folder = _validated(content), None if folder is None else Path(folder)
+        self.file, self.folder = _validated(content), Path(folder or ".")
+        self._readable = None if folder is None else self.folder
         self.plant = self.file.plant.build()
         self.controller = self.build_controller()
         tables = self.file.reference if isinstance(self.file.reference, list) else [self.file.reference]
-        parts = [table.build(self.folder) for table in tables]
+        parts = [table.build(self._readable) for table in tables]
         if len(parts) != self.plant.outputs:
             raise ValueError(f"[reference] stands {len(parts)} time(s); the plant has {self.plant.outputs} output(s)")
         self.reference: Reference = parts[0] if len(parts) == 1 else Stack(*parts)
@@ -368,7 +369,7 @@ class Project:
         self.truth = table.plant.build("simulation.plant") if table.plant else self.plant
         self.hardware = table.hardware.build() if table.hardware else None
         self.seed = table.seed
-        self._courses = self._disturbances(self.folder)
+        self._courses = self._disturbances(self._readable)
 
     def with_simulation(self, table: dict[str, Any]) -> Project:
         """The same project with another [simulation]; controller and reference are not built anew.

@@ -3,41 +3,43 @@
 from __future__ import annotations
 
 import time
-import warnings
 from typing import Any
 
 import numpy as np
 
+from foreswitch import baselines
 from foreswitch._check import Array
+from foreswitch._text import nearest
+from foreswitch.certificate import Certificate
+from foreswitch.ideal import ideal_run
+from foreswitch.loop import Loop
 from foreswitch.page.complaint import Complaint
-from foreswitch.project import Project
+from foreswitch.page.replay import moment
+from foreswitch.page.setups import Setup, setup
 from foreswitch.run import Run
 
-__all__ = ["look"]
+__all__ = ["baseline", "certify", "costs", "look"]
 
 Answer = tuple[dict[str, Any], dict[str, Array]]
+
+BASELINES: dict[str, type[baselines.Baseline]] = {
+    "relay": baselines.Relay,
+    "pi_pwm": baselines.PIPWM,
+    "smith_pwm": baselines.SmithPWM,
+}
 
 
 def look(request: dict[str, Any]) -> Answer:
     """The closed loop, run."""
     begun = time.perf_counter()
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        project = setup(request)
-        run = project.simulate()
+    made = setup(request)
+    run = made.project.simulate()
     fields, arrays = picture(run)
-    fields["lag"] = project.controller.lag
-    fields["warnings"] = [str(item.message) for item in caught if item.category is UserWarning]
+    law = made.project.controller
+    fields |= {"levels": law.levels, "lag": law.lag, "warnings": made.warnings + _cut(made, run)}
+    arrays |= {"cost": run.cost, "status": run.status.astype(np.float32)}
     fields["elapsed_ms"] = 1e3 * (time.perf_counter() - begun)
     return fields, arrays
-
-
-def setup(request: dict[str, Any]) -> Project:
-    """The project of a request, its truth as the options say."""
-    tables = request.get("project")
-    if not isinstance(tables, dict):
-        raise Complaint("the request has no project; give the tables of a project file")
-    return Project(tables, folder=None).with_seed(0)
 
 
 def picture(run: Run) -> Answer:
@@ -49,5 +51,99 @@ def picture(run: Run) -> Answer:
         "Ts": run.Ts,
         "metrics": run.metrics(),
     }
-    arrays = {"t": run.t, "y": run.y.T, "r": run.r.T, "u": run.u.T, "cost": run.cost, "status": run.status}
-    return fields, {name: np.ascontiguousarray(values, dtype=np.float64) for name, values in arrays.items()}
+    return fields, {"t": run.t, "y": run.y.T, "r": run.r.T, "u": run.u.T}
+
+
+def _cut(made: Setup, run: Run) -> list[str]:
+    """Whether the page's own bound of the search was met."""
+    met = 0 if made.budget is None else int((run.nodes >= made.budget).sum())
+    return [f"the search was cut at {made.budget} sequences in {met} of {len(run.u)} steps, to answer at once; a controller "
+            "that is exported searches on"] if met else []  # fmt: skip
+
+
+def costs(request: dict[str, Any]) -> Answer:
+    """What the controller thought at one step of the run that `look` shows."""
+    made = setup(request)
+    project = made.project
+    settings = project._settings(project.reference, project.controller.Ts, {})
+    duration, x0, seed = (settings.pop(key, None) for key in ("duration", "x0", "seed"))
+    loop = Loop(project.controller, project.reference, duration, **settings)
+    k = request.get("step", 0)
+    if isinstance(k, bool) or not isinstance(k, int) or not 0 <= k < loop.steps:
+        raise Complaint(f"step is {k!r}; give a whole number from 0 to {loop.steps - 1}", "step")
+    then = moment(loop, x0, seed, k)
+    decision, law = then.decision, then.controller
+    chosen = np.flatnonzero((decision.candidates == decision.u).all(axis=1))
+    fields = {
+        "step": k,
+        "t": float(loop.t[k]),
+        "chosen": int(chosen[0]) if chosen.size else None,
+        "landing_time": then.landing_time,
+        "reference": then.reference[-1, :, 0],
+        "status": decision.status.name,
+        "remedy": decision.status.remedy,
+        "optimal": decision.optimal,
+        "nodes": decision.nodes,
+        "inputs": list(law.plant.input_names),
+        "outputs": list(law.plant.output_names),
+        "warnings": made.warnings,
+    }
+    arrays = {"candidates": decision.candidates, "costs": decision.costs, "plan": decision.sequence, "x": then.x}
+    landing = then.landing()
+    return fields, arrays if landing is None else arrays | {"landing": landing}
+
+
+def certify(request: dict[str, Any]) -> Answer:
+    """What is proven, with the errors of the options, either way."""
+    made = setup(request)
+    project = made.model
+    proof = project.certify(delay_error=abs(made.delay_error), gain_error=abs(made.gain_error))
+    fields: dict[str, Any] = {
+        "holds": proof.holds,
+        "reasons": proof.reasons,
+        "error_bound": proof.error_bound,
+        "resolution": proof.resolution,
+        "lag": proof.lag,
+        "dc_gain": proof.dc_gain,
+        "poles": [[pole.real, pole.imag] for pole in proof.poles.tolist()],
+        "input_range": proof.input_range,
+        "ideal_input": proof.ideal_input,
+        "outputs": list(project.plant.output_names),
+        "warnings": made.warnings,
+    }
+    if request.get("margins") is True:
+        fields |= {
+            "margins": proof.margins, "Td_intervals": proof.Td_intervals, "lam_intervals": proof.lam_intervals,
+            "rest": proof.rest,
+        }  # fmt: skip
+    return fields, _band(proof)
+
+
+def _band(proof: Certificate) -> dict[str, Array]:
+    """The ideal response and how far the output can lie from it; nothing where there is none."""
+    if not proof.poles.size or not proof._loop.settles or proof.course is None:
+        return {}
+    ideal = ideal_run(proof._loop, proof.course)[0].T
+    arrays = {"t": proof.course.t, "ideal": ideal}
+    if proof.holds:
+        arrays |= {"low": ideal - proof.error_bound[:, None], "high": ideal + proof.error_bound[:, None]}
+    return arrays
+
+
+def baseline(request: dict[str, Any]) -> Answer:
+    """What people use today, tuned on the same task."""
+    which, budget = request.get("which"), request.get("budget", 300)
+    if not isinstance(which, str) or which not in BASELINES:
+        raise Complaint(f"which is {which!r}; {nearest(str(which), BASELINES)}", "which")
+    if isinstance(budget, bool) or not isinstance(budget, int) or not 20 <= budget <= 2000:
+        raise Complaint(f"budget is {budget!r}; give 20 to 2000 runs", "budget")
+    made = setup(request)
+    tuned = made.project.tune(BASELINES[which], budget=budget)
+    fields, arrays = picture(tuned.run)
+    fields |= {
+        "which": which,
+        "parameters": tuned.parameters,
+        "evaluations": tuned.evaluations,
+        "warnings": made.warnings,
+    }
+    return fields, arrays

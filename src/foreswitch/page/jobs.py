@@ -5,31 +5,63 @@ from __future__ import annotations
 import json
 import sys
 import traceback
+import warnings
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-from foreswitch.page import answers
-from foreswitch.page.complaint import Complaint, short
-from foreswitch.page.wire import pack
+import foreswitch
+from foreswitch.page import answers, exports, presets, records
+from foreswitch.page.complaint import Complaint, field_of, short
+from foreswitch.page.wire import clean, pack
 
 __all__ = ["done", "sentence"]
 
 #: Answered on the WebSocket.
-ANSWERS = {"look": answers.look}
+ANSWERS: dict[str, Callable[[dict[str, Any]], answers.Answer]] = {
+    "look": answers.look,
+    "costs": answers.costs,
+    "certify": answers.certify,
+    "baseline": answers.baseline,
+}
+PACKAGE = str(Path(foreswitch.__file__).parent)
 
 
 def done(head: dict[str, Any], body: bytes) -> tuple[dict[str, Any], bytes]:
     """Header and body of the reply; never raises."""
-    kind = head["kind"]
-    mark = {"id": head["id"], "kind": kind}
+    kind, request = head["kind"], None
+    mark = {"id": head.get("id"), "kind": kind}
     try:
-        fields, arrays = ANSWERS[kind](json.loads(body))
-        return {"status": 200}, pack(mark | fields, arrays)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of extreme numbers; those of the design are caught where it is made
+            if kind in ("columns", "identify"):
+                if kind == "columns":
+                    return _json(records.columns(body))
+                return {"status": 200, "type": "application/octet-stream"}, pack(*records.identify(body, head["query"]))
+            request = json.loads(body)
+            if not isinstance(request, dict):
+                raise Complaint("the request is no object; give project and options")
+            if kind in ANSWERS:
+                fields, arrays = ANSWERS[kind](request)
+                return {"status": 200}, pack(mark | fields, arrays)
+            if kind == "project":
+                return _json({"project": presets.dropped(request)})
+            _, media, suffix = exports.FILES[head["file"]]
+            content = exports.export(request, head["file"])
+            name = request.get("name", "controller")
+            return {"status": 200, "type": media, "name": f"{name}{suffix}"}, content
     except Exception as error:
-        complaint = sentence(error)
-        return {"status": 422} | complaint, pack(mark | {"error": complaint})
+        complaint = sentence(error, request)
+        if kind in ANSWERS:
+            return {"status": 422}, pack(mark | {"error": complaint})
+        return {"status": 422, "type": "application/json"}, json.dumps({"error": complaint}).encode()
 
 
-def sentence(error: Exception) -> dict[str, Any]:
+def _json(value: Any) -> tuple[dict[str, Any], bytes]:
+    return {"status": 200, "type": "application/json"}, json.dumps(clean(value), allow_nan=False).encode()
+
+
+def sentence(error: Exception, request: Any = None) -> dict[str, Any]:
     """One sentence and the field it is about; a defect of ours leaves its traceback on the terminal."""
     if isinstance(error, Complaint):
         return {"message": short(str(error)), "field": error.field}
@@ -40,7 +72,26 @@ def sentence(error: Exception) -> dict[str, Any]:
             "message": "this takes more memory than the page gives; make the run or the plant smaller",
             "field": None,
         }
-    if isinstance(error, (ValueError, OverflowError)):
-        return {"message": short(str(error)), "field": None}
+    if isinstance(error, json.JSONDecodeError):
+        return {"message": f"the request cannot be read ({error}); send JSON", "field": None}
+    if isinstance(error, (ValueError, ArithmeticError)):
+        text, field = str(error), None
+        if not _ours(error):  # NumPy's or SciPy's, about numbers that nothing can be computed with
+            text = f"the numbers are too extreme to compute with ({short(text)}); choose others"
+        tables = request.get("project") if isinstance(request, dict) else None
+        if isinstance(tables, dict):
+            try:
+                field = field_of(tables, str(error))
+            except Exception:
+                field = None
+        return {"message": short(text), "field": field}
     traceback.print_exception(error, file=sys.stderr)
     return {"message": f"the page has a defect here ({type(error).__name__}); the terminal says more", "field": None}
+
+
+def _ours(error: Exception) -> bool:
+    """Whether the sentence was written here."""
+    frame = error.__traceback__
+    while frame is not None and frame.tb_next is not None:
+        frame = frame.tb_next
+    return frame is not None and frame.tb_frame.f_code.co_filename.startswith(PACKAGE)

@@ -6,16 +6,25 @@ from typing import Any
 
 __all__ = ["LIMITS", "LONGEST_JOB"]
 
-#: Told to the page in start.json; sizes in bytes, times in seconds.
+#: Told to the page in start.json.
 LIMITS: dict[str, Any] = {
-    "message": 1 << 20,  # a project with 20 000 points of a reference in both columns
-    "record": 8 << 20,  # a CSV file: about 300 000 rows
+    "message": 1 << 20,  # bytes of a project: a reference of some 25 000 points
+    "record": 8 << 20,  # bytes of a CSV file: some 300 000 rows
+    "clients": 64,  # pages at once
     "steps": 100_000,  # periods of one run
-    "told": 10_000_000,  # numbers that a run tells the controller of its reference
-    "states": 32,
-    "nodes": 4_000_000,  # partial sequences of all of a run's searches
+    "valve_steps": 20_000,  # where Python is called in each period, for a disturbance that follows the output
+    "told": 10_000_000,  # numbers that a run tells the controller of its reference: 80 MB
+    "tried": 100_000_000,  # commands tried in one run: about a second
+    "nodes": 2_000_000,  # partial sequences searched in one run, and at least so many per step:
+    "least_nodes": 200,
+    "states": 64,  # as the core holds them
+    "late": 1000,  # periods that a sample may be late, all of which each period looks through
+    "faults": 100,  # outages, and as many stuck actuators
     "sentence": 400,  # characters
 }
 
 #: Seconds until a job is ended with its process.
-LONGEST_JOB = {"look": 4.0, "costs": 4.0, "certify": 40.0, "baseline": 60.0, "identify": 60.0, "export": 90.0}
+LONGEST_JOB = {
+    "look": 4.0, "costs": 4.0, "certify": 40.0, "baseline": 60.0,
+    "project": 10.0, "columns": 20.0, "identify": 60.0, "export": 90.0,
+}  # fmt: skip

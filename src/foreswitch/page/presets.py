@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import tempfile
 import tomllib
 from collections.abc import Iterator
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
+from foreswitch.page.complaint import Complaint
 from foreswitch.project import Project
 from foreswitch.reference import Samples
 
-__all__ = ["PRESETS", "embedded", "presets", "read", "references"]
+__all__ = ["PRESETS", "dropped", "embedded", "presets", "read", "references"]
 
 #: Name, title, what it is about.
 PRESETS = (
@@ -44,15 +46,67 @@ def read(path: Path) -> dict[str, Any]:
     return embedded(tomllib.loads(path.read_text(encoding="utf-8")), path.parent)
 
 
+def dropped(request: dict[str, Any]) -> dict[str, Any]:
+    """The tables of a project file that was dropped on the page, with the CSV files that it names.
+
+    Parameters
+    ----------
+    request : dict
+        ``toml``, the text, and ``files``: text by name. Folders in names, the project's or the files', are not looked at.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    ValueError
+        If something is missing or does not fit.
+    """
+    text, given = request.get("toml"), request.get("files") or {}
+    if not isinstance(text, str) or not isinstance(given, dict) or not all(isinstance(v, str) for v in given.values()):
+        raise Complaint("the request holds no text of a project; give toml, and files by their names")
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise Complaint(f"the file is not valid TOML ({error}); correct that line") from None
+    content = {_last(name): file for name, file in given.items()}
+    with tempfile.TemporaryDirectory() as folder:
+        for place, table in references(tables):
+            if table.get("kind") == "samples" and isinstance(table.get("file"), str):
+                name = _last(table["file"])
+                if name not in content:
+                    raise Complaint(
+                        f"the project names the file {name!r}; drop that file together with it", f"{place}.file"
+                    )
+                path = Path(folder) / "samples.csv"
+                path.write_text(content[name], encoding="utf-8")
+                try:
+                    _embed(table, path)
+                except ValueError as error:
+                    raise Complaint(str(error).replace(str(path), name), f"{place}.file") from None
+    return tables
+
+
+def _last(name: str) -> str:
+    """A file's name without its folders, in whichever way they are written."""
+    return name.replace("\\", "/").rsplit("/", 1)[-1]
+
+
 def embedded(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
     """The same tables with points in place of samples; changes its argument."""
     for _, table in references(tables):
         if table.get("kind") == "samples":
-            samples = Samples.read_csv(
-                folder / table.pop("file"), time=table.pop("time", None), value=table.pop("value", None)
-            )
-            table |= {"kind": "points", "times": samples.t.tolist(), "values": samples.y.tolist()}
+            _embed(table, folder / table["file"])
     return tables
+
+
+def _embed(table: dict[str, Any], path: Path) -> None:
+    """Points in place of the file."""
+    samples = Samples.read_csv(path, time=table.get("time"), value=table.get("value"))
+    for key in ("file", "time", "value"):
+        table.pop(key, None)
+    table |= {"kind": "points", "times": samples.t.tolist(), "values": samples.y.tolist()}
 
 
 def references(tables: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:

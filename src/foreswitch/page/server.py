@@ -4,28 +4,32 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
+import mimetypes
 import os
 import secrets
 import socket as sockets
 import threading
 import webbrowser
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Coroutine
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, Response
-from starlette.routing import Mount, Route, WebSocketRoute
-from starlette.staticfiles import StaticFiles
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
+from foreswitch._text import nearest
+from foreswitch.page.exports import FILES
 from foreswitch.page.guard import Guard, is_loopback
 from foreswitch.page.limits import LIMITS
 from foreswitch.page.presets import presets
-from foreswitch.page.socket import Talk
+from foreswitch.page.schema import schema, uses
+from foreswitch.page.socket import Talk, run_job
 from foreswitch.page.wire import clean
 from foreswitch.page.workers import Pool
 
@@ -34,8 +38,11 @@ __all__ = ["PORT", "application", "run"]
 #: Always the same, so that a browser finds again what it has kept for this address.
 PORT = 8732
 STATIC = Path(__file__).parent / "static"
-#: Pages at once.
-CLIENTS = 64
+#: Uploads at once, and the seconds that one may take to arrive.
+UPLOADS = 16
+SLOWEST_UPLOAD = 30.0
+
+T = TypeVar("T")
 
 
 def application(project: dict[str, Any] | None, *, hosts: set[str], port: int, token: str | None) -> Guard:
@@ -56,14 +63,7 @@ def application(project: dict[str, Any] | None, *, hosts: set[str], port: int, t
     -------
     Guard
     """
-    examples = presets()
-    beginning = clean({
-        "version": version("foreswitch"), "project": project or examples[0]["project"], "presets": examples,
-        "schema": {}, "limits": LIMITS,
-    })  # fmt: skip
-    text = _json(beginning)
     pools: dict[str, Pool] = {}
-    talks: set[Talk] = set()
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -76,14 +76,89 @@ def application(project: dict[str, Any] | None, *, hosts: set[str], port: int, t
         finally:
             await asyncio.gather(*(pool.stop() for pool in pools.values()))
 
-    async def index(_: Request) -> Response:
-        return FileResponse(STATIC / "index.html", headers={"cache-control": "no-cache"})
+    inner = Starlette(routes=[*_pages(project), *_uploads(pools), _talks(pools)], lifespan=lifespan)
+    sizes = {f"/export/{file}": LIMITS["message"] for file in FILES}
+    sizes |= {"/project": LIMITS["record"], "/columns": LIMITS["record"], "/identify": LIMITS["record"]}
+    return Guard(inner, hosts=hosts, any_address=token is not None, port=port, token=token, sizes=sizes)
+
+
+def _pages(project: dict[str, Any] | None) -> list[Route]:
+    """What a browser loads: the packaged files, known by name beforehand, and what the page begins with."""
+    found = {path.relative_to(STATIC).as_posix(): path for path in STATIC.rglob("*") if path.is_file()}
+    examples = presets()
+    beginning = {
+        "version": version("foreswitch"), "project": project or examples[0]["project"], "presets": examples,
+        "schema": schema(), "uses": uses(), "limits": LIMITS,
+    }  # fmt: skip
+    text = json.dumps(clean(beginning), allow_nan=False, separators=(",", ":")).encode()
+
+    async def static(request: Request) -> Response:
+        path = found.get(request.path_params.get("path", "index.html"))
+        if path is None:
+            return _complaint(404, "there is no such file here; open the page itself")
+        media = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+        return Response(path.read_bytes(), media_type=media)
 
     async def start(_: Request) -> Response:
         return Response(text, media_type="application/json")
 
+    return [Route("/", static), Route("/start.json", start), Route("/static/{path:path}", static)]
+
+
+def _uploads(pools: dict[str, Pool]) -> list[Route]:
+    """What is sent once and answered once."""
+    under_way = 0
+
+    async def answer(request: Request, head: dict[str, Any]) -> Response:
+        nonlocal under_way
+        if under_way >= UPLOADS:
+            return _complaint(503, "the page has too much to do at present; try again in a moment")
+        under_way += 1
+        try:
+            body = await asyncio.wait_for(request.body(), SLOWEST_UPLOAD)
+            found = await _unless_gone(request, run_job(pools["slow"], head, body))
+        except TimeoutError:
+            return _complaint(408, f"the upload took longer than {SLOWEST_UPLOAD:g} s; try again")
+        finally:
+            under_way -= 1
+        if found is None:
+            return Response()  # nobody is there to read it
+        told, content = found
+        headers = {"content-disposition": f'attachment; filename="{told["name"]}"'} if "name" in told else {}
+        return Response(content, told["status"], headers, told["type"])
+
+    async def project(request: Request) -> Response:
+        return await answer(request, {"kind": "project"})
+
+    async def columns(request: Request) -> Response:
+        return await answer(request, {"kind": "columns"})
+
+    async def identify(request: Request) -> Response:
+        query: dict[str, list[str]] = {}
+        for key, value in request.query_params.multi_items():
+            query.setdefault(key, []).append(value)
+        return await answer(request, {"kind": "identify", "query": query})
+
+    async def export(request: Request) -> Response:
+        file = request.path_params["file"]
+        if file not in FILES:
+            return _complaint(404, f"{file!r} is nothing to export; {nearest(file, FILES)}")
+        return await answer(request, {"kind": "export", "file": file})
+
+    return [
+        Route("/project", project, methods=["POST"]),
+        Route("/columns", columns, methods=["POST"]),
+        Route("/identify", identify, methods=["POST"]),
+        Route("/export/{file}", export, methods=["POST"]),
+    ]
+
+
+def _talks(pools: dict[str, Pool]) -> WebSocketRoute:
+    """The WebSocket."""
+    talks: set[Talk] = set()
+
     async def talk(socket: WebSocket) -> None:
-        if len(talks) >= CLIENTS:
+        if len(talks) >= LIMITS["clients"]:
             await socket.close(1013)
             return
         one = Talk(socket, pools)
@@ -93,22 +168,28 @@ def application(project: dict[str, Any] | None, *, hosts: set[str], port: int, t
         finally:
             talks.discard(one)
 
-    inner = Starlette(
-        routes=[
-            Route("/", index),
-            Route("/start.json", start),
-            WebSocketRoute("/ws", talk),
-            Mount("/static", StaticFiles(directory=STATIC)),
-        ],
-        lifespan=lifespan,
-    )
-    return Guard(inner, hosts=hosts, any_address=token is not None, port=port, token=token, sizes={})
+    return WebSocketRoute("/ws", talk)
 
 
-def _json(value: Any) -> bytes:
-    import json
+async def _unless_gone(request: Request, job: Coroutine[Any, Any, T]) -> T | None:
+    """What a job gives; None, and the job ended, where the client has gone meanwhile."""
 
-    return json.dumps(value, allow_nan=False, separators=(",", ":")).encode()
+    async def gone() -> None:
+        while (await request.receive())["type"] != "http.disconnect":
+            pass
+
+    work, leaving = asyncio.create_task(job), asyncio.create_task(gone())
+    try:
+        await asyncio.wait({work, leaving}, return_when=asyncio.FIRST_COMPLETED)
+        return await work if work.done() else None
+    finally:
+        for task in (work, leaving):
+            task.cancel()
+        await asyncio.gather(work, leaving, return_exceptions=True)
+
+
+def _complaint(status: int, sentence: str) -> Response:
+    return JSONResponse({"error": {"message": sentence, "field": None}}, status)
 
 
 def run(
@@ -154,7 +235,7 @@ def run(
         application(project, hosts=hosts, port=port, token=token), log_level="warning", access_log=False,
         server_header=False, date_header=False, proxy_headers=False, lifespan="on", ws="websockets-sansio", http="h11",
         ws_max_size=LIMITS["message"], ws_per_message_deflate=False,  # nothing small unfolds into something large
-        limit_concurrency=4 * CLIENTS, timeout_graceful_shutdown=2,
+        limit_concurrency=4 * LIMITS["clients"], timeout_graceful_shutdown=2,
     )  # fmt: skip
     print(f"{link}  (Ctrl-C ends it)", flush=True)
     if opened:

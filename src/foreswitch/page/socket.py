@@ -31,7 +31,9 @@ async def run_job(pool: Pool, head: dict[str, Any], body: bytes) -> tuple[dict[s
             f"this takes longer than {limit:g} s, or more memory than there is; make the run or the search shorter"
         )
     complaint = {"message": sentence, "field": None}
-    return {"status": 422} | complaint, pack({"id": head.get("id"), "kind": head["kind"], "error": complaint})
+    if head["kind"] in KINDS:
+        return {"status": 422}, pack({"id": head["id"], "kind": head["kind"], "error": complaint})
+    return {"status": 422, "type": "application/json"}, json.dumps({"error": complaint}).encode()
 
 
 class Talk:

@@ -1,0 +1,142 @@
+"""Files to take away, as the command line writes them for the same project."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import tempfile
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from foreswitch.export import check_export, export_c
+from foreswitch.fmu import export_fmu
+from foreswitch.page.complaint import Complaint
+from foreswitch.page.schema import TABLES
+from foreswitch.page.setups import Setup, setup
+from foreswitch.report import run_report
+
+__all__ = ["FILES", "export", "toml"]
+
+#: Dates of an archive, so that it has the same bytes each time.
+EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def export(request: dict[str, Any], kind: str) -> bytes:
+    """One file.
+
+    Parameters
+    ----------
+    request : dict
+        ``project``, ``options``, and ``name``: what the design is called, in C and in the report's heading.
+    kind : str
+        One of `FILES`.
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    ValueError
+        If the project or its name does not fit.
+    """
+    name = request.get("name", "controller")
+    made = setup(request, capped=False)
+    try:
+        check_export(made.project.controller, name if isinstance(name, str) and len(name) <= 60 else "")
+    except ValueError as error:
+        raise Complaint(str(error), "name") from None
+    with tempfile.TemporaryDirectory() as folder:
+        return FILES[kind][0](made, name, Path(folder))
+
+
+def _project(made: Setup, name: str, _: Path) -> bytes:
+    return f"# foreswitch project {name}, from the tuning page; units are SI.\n{toml(made.tables)}".encode()
+
+
+def _report(made: Setup, name: str, folder: Path) -> bytes:
+    run_report(name, made.project.simulate(), made.project.controller).write(folder)
+    return (folder / "report.html").read_bytes()
+
+
+def _firmware(made: Setup, name: str, folder: Path) -> bytes:
+    export_c(made.project.controller, folder / name, name=name)
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+            entry = zipfile.ZipInfo(path.relative_to(folder).as_posix(), EPOCH)
+            entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o100644 << 16
+            archive.writestr(entry, path.read_bytes())
+    return buffer.getvalue()
+
+
+def _fmu(made: Setup, name: str, folder: Path) -> bytes:
+    export_fmu(made.project.controller, folder / f"{name}.fmu", name=name)
+    return (folder / f"{name}.fmu").read_bytes()
+
+
+#: What is offered: how it is made, media type, and the end of its name.
+FILES: dict[str, tuple[Callable[[Setup, str, Path], bytes], str, str]] = {
+    "project.toml": (_project, "application/toml", ".toml"),
+    "report.html": (_report, "text/html; charset=utf-8", ".html"),
+    "firmware.zip": (_firmware, "application/zip", ".zip"),
+    "controller.fmu": (_fmu, "application/octet-stream", ".fmu"),
+}
+
+# TOML -----------------------------------------------------------------------------------------------------------------
+
+#: A comment behind a longer line would not be seen.
+MARGIN = 60
+
+
+def toml(tables: dict[str, Any]) -> str:
+    """Tables as the text of a project file, with what each key means behind it.
+
+    Parameters
+    ----------
+    tables : dict
+        Of a valid project.
+
+    Returns
+    -------
+    str
+    """
+    lines: list[str] = []
+    for name in TABLES:
+        if name in tables and "." not in name:
+            _write(lines, name, tables[name])
+    return "\n".join(lines) + "\n"
+
+
+def _write(lines: list[str], path: str, content: Any) -> None:
+    """A table, or several of one name; its own keys first, then the tables in it."""
+    for table in content if isinstance(content, list) else [content]:
+        lines += ["", f"[[{path}]]" if isinstance(content, list) else f"[{path}]"]
+        nested = {key: value for key, value in table.items() if _is_table(value)}
+        known = TABLES.get(path)
+        for key, value in table.items():
+            if key in nested or value is None:
+                continue
+            line = f"{key} = {_value(value)}"
+            meaning = known.model_fields[key].description if known and key in known.model_fields else None
+            lines.append(f"{line:<40}# {meaning}" if meaning and len(line) < MARGIN else line)
+        for key, value in nested.items():
+            _write(lines, f"{path}.{key}", value)
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, str):
+        # what JSON escapes TOML escapes in the same way, but for DEL, which only TOML refuses
+        return re.sub("\x7f", "\\\\u007f", json.dumps(value, ensure_ascii=False))
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_value, value)) + "]"
+    return repr(value)

@@ -1,0 +1,171 @@
+"""A dropped record: what its columns are, and the plant that it shows."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+import tomllib
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from foreswitch import record_plot
+from foreswitch._check import Array
+from foreswitch._csv import read_columns, split
+from foreswitch.draft import draft_project
+from foreswitch.fit import Fit
+from foreswitch.identify import identify as find
+from foreswitch.page.complaint import Complaint
+from foreswitch.record import Record
+
+__all__ = ["columns", "identify"]
+
+#: Instants of an averaged pulse.
+GRID = 240
+#: More levels than this make no switching input.
+LEVELS = 16
+
+
+@contextlib.contextmanager
+def _file(content: bytes) -> Iterator[Path]:
+    """The record as a file of ours, under a name of ours; complaints call it "the record"."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "record.csv"
+        path.write_bytes(content)
+        try:
+            yield path
+        except ValueError as error:
+            raise Complaint(str(error).replace(str(path), "the record")) from None
+
+
+def columns(content: bytes) -> dict[str, Any]:
+    """Names of the columns, and which of them seem to be time, input and output.
+
+    Parameters
+    ----------
+    content : bytes
+        A CSV file.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    ValueError
+        If it is no table of numbers.
+    """
+    with _file(content) as path:
+        (t, *_), _ = read_columns(path, [1], gaps=True)
+        width = len(split(content.decode("utf-8-sig"))[0][1])
+        if width < 3:
+            raise ValueError(f"the record has {width} column(s); give time, input and output")
+        if width > 64:
+            raise ValueError(f"the record has {width} columns; give up to 64")
+        table, names = read_columns(path, range(1, width + 1), gaps=True)
+    finite = [column[np.isfinite(column)] for column in table]
+    rising = [i for i, c in enumerate(finite) if c.size == t.size and c.size > 1 and (np.diff(c) > 0).all()]
+    time = rising[0] if rising else 0
+    rest = [i for i in range(width) if i != time]
+    few = [i for i in rest if 2 <= np.unique(finite[i]).size <= LEVELS]
+    switched = few[0] if few else rest[0]
+    moving = [i for i in rest if i != switched and finite[i].size and np.ptp(finite[i]) > 0]
+    measured = next((i for i in moving if i not in few), (moving or [i for i in rest if i != switched])[0])
+    guess = {"time": names[time], "input": names[switched], "output": names[measured]}
+    return {"columns": names, "rows": int(t.size), "guess": guess}
+
+
+def identify(content: bytes, query: dict[str, list[str]]) -> tuple[dict[str, Any], dict[str, Array]]:
+    """A plant with its dead time, and how it follows the record.
+
+    Parameters
+    ----------
+    content : bytes
+        A CSV file.
+    query : dict of str to list of str
+        ``time``, ``input``, ``output``, ``segment``, ``structure``.
+
+    Returns
+    -------
+    tuple
+        Fields and arrays.
+
+    Raises
+    ------
+    ValueError
+        As `foreswitch.identify`.
+    """
+    unknown = sorted(query.keys() - {"time", "input", "output", "segment", "structure"})
+    if unknown:
+        raise Complaint(f"{unknown[0]!r} is no setting; known are input, output, segment, structure, time", unknown[0])
+    chosen: dict[str, Any] = {}
+    for name in ("time", "segment"):
+        if query.get(name):
+            chosen[name] = _column(query[name][0])
+    for name in ("input", "output"):
+        if query.get(name):
+            chosen[name] = [_column(each) for each in query[name]]
+    with _file(content) as path:
+        record = Record.read_csv(path, **chosen)
+    fit = find(record, (query.get("structure") or ["auto"])[0])
+    draft = tomllib.loads(draft_project(fit, "a record"))
+    fields: dict[str, Any] = {
+        "fit": _told(fit),
+        "plant": draft["plant"],
+        "project": draft,
+        "inputs": list(record.input_names),
+        "outputs": list(record.output_names),
+        "segments": [float(record.t[part.start]) for part in record.segments],
+    }
+    arrays = {"t": record.t, "u": record.u.T, "y": record.y.T, "model": _followed(fit).T}
+    pulse, drawn = _average(fit)
+    return fields | pulse, arrays | drawn
+
+
+def _column(name: str) -> str | int:
+    return int(name) if name.isdecimal() and len(name) < 5 else name
+
+
+def _told(fit: Fit) -> dict[str, Any]:
+    return {
+        "structure": np.atleast_1d(fit.structure).tolist(),
+        "parameters": {name: {"value": v, "standard_error": e} for name, (v, e) in fit.parameters.items()},
+        "fit_percent": np.ravel(fit.fit_percent),
+        "candidates": [asdict(each) for each in fit.candidates],
+        "warnings": fit.warnings,
+    }
+
+
+def _followed(fit: Fit) -> Array:
+    """The model's output at the record's samples, NaN where they were not used."""
+    problem = fit.estimate.problem
+    y = np.full(fit.record.y.shape, np.nan)
+    for o in range(fit.plant.outputs):
+        for rows, measured, residual in zip(problem.samples, problem.y[o], fit.estimate.residuals(o), strict=True):
+            y[rows, o] = measured - residual
+    return y
+
+
+def _average(fit: Fit) -> tuple[dict[str, Any], dict[str, Array]]:
+    """The average response to equal pulses of the first input that has some, and the model's."""
+    record = fit.record
+    for j in range(record.u.shape[1]):
+        if (pulses := record_plot.equal_pulses(fit.estimate, j)) is None:
+            continue
+        grid = np.linspace(-record_plot.BEFORE * pulses.room, (1.0 - 1e-9) * pulses.room, GRID)
+        windows = [record_plot._windows(fit.estimate, o, pulses, grid) for o in range(record.y.shape[1])]
+        if len(windows[0][0]) < 2:
+            continue
+        return (
+            {"pulse": {"input": j, "width": pulses.width, "count": len(windows[0][0])}},
+            {
+                "pulse_t": grid,
+                "pulse_mean": np.array([measured.mean(axis=0) for measured, _ in windows]),
+                "pulse_spread": np.array([measured.std(axis=0, ddof=1) for measured, _ in windows]),
+                "pulse_model": np.array([fitted.mean(axis=0) for _, fitted in windows]),
+            },
+        )
+    return {}, {}

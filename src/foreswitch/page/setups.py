@@ -1,0 +1,241 @@
+"""A request's project, ready to run: sizes bounded, the truth as the options say, designs kept for the next request."""
+
+from __future__ import annotations
+
+import json
+import math
+import warnings
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Any
+
+from foreswitch import _check
+from foreswitch.objective import Horizon
+from foreswitch.page.complaint import Complaint
+from foreswitch.page.limits import LIMITS
+from foreswitch.plant import Plant
+from foreswitch.project import Project, Valve
+
+__all__ = ["Setup", "setup"]
+
+#: Designs kept; the largest, a horizon's tables, take a few MB.
+KEPT = 8
+#: What is simulated where the file names no seed: pictures stand still while a slider moves.
+SEED = 0
+#: What an option scales by 1 + gain_error, by model.
+GAINS = {"integrator_lag": "k", "fopdt": "K", "transfer_function": "num", "state_space": "B"}
+
+_designs: OrderedDict[str, tuple[Project, list[str]]] = OrderedDict()
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What is to be run.
+
+    Attributes
+    ----------
+    tables : dict
+        Of the project file, the truth of the options put in.
+    project : Project
+        Built from them.
+    model : Project
+        The same without the options.
+    delay_error, gain_error : float
+        The options.
+    warnings : list of str
+        What the design warned of.
+    budget : int or None
+        Partial sequences per step, where the page allows fewer than the project.
+    """
+
+    tables: dict[str, Any]
+    project: Project
+    model: Project
+    delay_error: float
+    gain_error: float
+    warnings: list[str]
+    budget: int | None
+
+
+def setup(request: dict[str, Any], *, capped: bool = True) -> Setup:
+    """The project of a request.
+
+    Parameters
+    ----------
+    request : dict
+        ``project`` and ``options``.
+    capped : bool
+        Whether the search of a horizon is bounded, so that a run takes no longer than a glance.
+
+    Returns
+    -------
+    Setup
+
+    Raises
+    ------
+    ValueError
+        If something does not fit, or is too large.
+    """
+    tables = request.get("project")
+    if not isinstance(tables, dict):
+        raise Complaint("the request has no project; give the tables of a project file")
+    delay, gain = _options(request.get("options"))
+    _bound_matrices(tables)
+    project, told = _design(tables)
+    _bound_run(project)
+    project, budget = _searching(project, tables) if capped else (project, None)
+    model = project.with_simulation(tables["simulation"]).with_seed(SEED)
+    if delay == 0.0 and gain == 0.0:
+        return Setup(tables, model, model, delay, gain, told, budget)
+    truth = _erring(tables["simulation"].get("plant") or tables["plant"], delay, gain)
+    simulation = tables["simulation"] | {"plant": truth}
+    erring = project.with_simulation(simulation).with_seed(SEED)
+    return Setup(tables | {"simulation": simulation}, erring, model, delay, gain, told, budget)
+
+
+def _design(tables: dict[str, Any]) -> tuple[Project, list[str]]:
+    """The project, built or as it was built for one that differs in [simulation] only."""
+    key = json.dumps({name: table for name, table in tables.items() if name != "simulation"}, sort_keys=True)
+    if key not in _designs:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            project = Project(tables, None)
+        _designs[key] = project, [str(item.message) for item in caught if item.category is UserWarning]
+    _designs.move_to_end(key)
+    while len(_designs) > KEPT:
+        _designs.popitem(last=False)
+    project, told = _designs[key]
+    simulation = tables.get("simulation")
+    if not isinstance(simulation, dict):
+        return Project(tables, None), told  # it says what is missing
+    return project.with_simulation(simulation), told
+
+
+def _options(given: Any) -> tuple[float, float]:
+    """delay_error [s] and gain_error [share]."""
+    if given is None:
+        return 0.0, 0.0
+    if not isinstance(given, dict):
+        raise Complaint("options are no object; give delay_error and gain_error")
+    values = []
+    for name in ("delay_error", "gain_error"):
+        try:
+            values.append(_check.number(name, given.get(name, 0.0)))
+        except (ValueError, OverflowError) as error:
+            raise Complaint(str(error), f"options.{name}") from None
+    if values[1] <= -1.0:
+        raise Complaint(f"gain_error is {values[1]:g}; it must be greater than -1", "options.gain_error")
+    return values[0], values[1]
+
+
+def _erring(plant: dict[str, Any], delay: float, gain: float) -> dict[str, Any]:
+    """[simulation.plant]: the plant with another dead time and gain; the tables have been checked."""
+
+    def scaled(value: Any) -> Any:
+        return [scaled(item) for item in value] if isinstance(value, list) else float(value) * (1.0 + gain)
+
+    key, given = GAINS[plant["model"]], plant.get("input_delay", 0.0)
+    late = [float(tau) + delay for tau in given] if isinstance(given, list) else float(given) + delay
+    least = min(late) if isinstance(late, list) else late
+    if least < 0.0:
+        raise Complaint(
+            f"delay_error is {delay:g}, which leaves less than no dead time; give at least {delay - least:g}",
+            "options.delay_error",
+        )
+    return plant | {key: scaled(plant[key]), "input_delay": late}
+
+
+# Bounds ---------------------------------------------------------------------------------------------------------------
+
+
+def _bound_matrices(tables: dict[str, Any]) -> None:
+    """Before anything is computed with them."""
+
+    def table(*path: str) -> Any:
+        found: Any = tables
+        for part in path:
+            found = found.get(part) if isinstance(found, dict) else None
+        return found
+
+    most = LIMITS["states"]
+    for path in (("plant",), ("simulation", "plant"), ("simulation", "hardware", "drift")):
+        found = table(*path)
+        for key in ("A", "B", "C", "E", "num", "den") if isinstance(found, dict) else ():
+            value = found.get(key)
+            longest = (
+                max([len(value), *(len(row) for row in value if isinstance(row, list))])
+                if isinstance(value, list)
+                else 0
+            )
+            if longest > most + 1:
+                place = ".".join(path)
+                raise Complaint(
+                    f"{place}.{key} has {longest} rows or columns; the page takes plants of up to {most} states",
+                    f"{place}.{key}",
+                )
+    hardware = table("simulation", "hardware")
+    for key in ("outages", "stuck") if isinstance(hardware, dict) else ():
+        value = hardware.get(key)
+        if isinstance(value, list) and len(value) > LIMITS["faults"]:
+            raise Complaint(
+                f"simulation.hardware.{key} lists {len(value)} faults; the page takes up to {LIMITS['faults']}",
+                f"simulation.hardware.{key}",
+            )
+
+
+def _bound_run(project: Project) -> None:
+    """Before it is run: every loop of the simulation has an end that does not depend on the numbers' size."""
+    law, table, most = project.controller, project.file.simulation, LIMITS["steps"]
+    steps = _periods("duration", table.duration, law.Ts, most, "simulation.duration", "shorten it, or lengthen Ts")
+    truth = project.truth
+    if isinstance(truth, Plant):
+        delay, place = float(truth.input_delay.max()), "simulation.plant" if table.plant else "plant"
+        _periods("input_delay", delay, law.Ts, most, f"{place}.input_delay", "shorten it, or lengthen Ts")
+    if (hardware := project.hardware) is not None:
+        for key, limit in (("opening", most), ("closing", most), ("late", LIMITS["late"])):
+            longest = float(_check.array(key, getattr(hardware, key)).max(initial=0.0))
+            _periods(key, longest, law.Ts, limit, f"simulation.hardware.{key}", "shorten it")
+    told = steps * law.evaluations * law.plant.outputs * law.order
+    if told > LIMITS["told"]:
+        raise Complaint(
+            f"steps is {law.evaluations}, and over {steps} periods that takes {told} values of the reference; "
+            "shorten the run or the horizon",
+            "controller.steps",
+        )
+    tried = steps * len(law._actuator.candidates)
+    if tried > LIMITS["tried"]:
+        raise Complaint(
+            f"levels form {len(law._actuator.candidates)} commands, too many to try in {steps} periods; shorten the run, "
+            "or use fewer levels",
+            "actuator.levels",
+        )
+    if isinstance(table.disturbance, Valve) and steps > LIMITS["valve_steps"]:
+        raise Complaint(
+            f"duration is {table.duration:g} s, {steps} periods; with a valve as disturbance the page runs up to "
+            f"{LIMITS['valve_steps']}, shorten it",
+            "simulation.duration",
+        )
+
+
+def _periods(name: str, seconds: float, Ts: float, most: int, field: str, remedy: str) -> int:
+    """A time in periods, if it is not too long."""
+    if seconds > 0.0 and not seconds / Ts <= most:
+        raise Complaint(
+            f"{name} is {seconds:g} s, {seconds / Ts:.3g} periods of Ts; the page takes up to {most}, {remedy}", field
+        )
+    return math.ceil(seconds / Ts)
+
+
+def _searching(project: Project, tables: dict[str, Any]) -> tuple[Project, int | None]:
+    """With a bound of each search, where it has none as low."""
+    objective = project.controller.objective
+    if not isinstance(objective, Horizon):
+        return project, None
+    budget = max(
+        LIMITS["least_nodes"],
+        LIMITS["nodes"] // max(1, _check.periods(project.file.simulation.duration, project.controller.Ts)),
+    )
+    if objective.node_budget is not None and objective.node_budget <= budget:
+        return project, None
+    bounded = tables | {"controller": tables["controller"] | {"node_budget": budget}}
+    return _design(bounded)[0], budget

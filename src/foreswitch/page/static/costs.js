@@ -7,6 +7,12 @@ import { command, sentence } from "./words.js";
 /** So many candidates are listed, the best first. */
 const LISTED = 16;
 
+function bar(share) {
+  const filled = make("span", { className: "bar" });
+  filled.style.width = `${100 * share}%`;
+  return filled;
+}
+
 /**
  * @param {object} thought reply to "costs"
  * @param {object} run reply to "look"
@@ -15,11 +21,10 @@ export function showCosts(thought, run) {
   const { costs, candidates, chosen } = thought;
   const order = [...costs.keys()].sort((a, b) => (Number.isFinite(costs[a]) ? costs[a] : Infinity) - (Number.isFinite(costs[b]) ? costs[b] : Infinity) || a - b).slice(0, LISTED);
   const most = Math.max(...[...costs].filter(Number.isFinite), 0);
-  const heads = ["command", "predicted cost", ""];
+  const heads = ["command", "", "predicted cost", ""];
   const rows = order.map((i) => {
     const known = Number.isFinite(costs[i]);
-    const bar = make("meter", { min: 0, max: most || 1, value: known ? costs[i] : 0, "aria-label": `cost ${known ? show(costs[i]) : "none"}` });
-    return [command(candidates[i], run.inputs), known ? make("span", { className: "bar-cell" }, bar, show(costs[i], 4)) : "not allowed now", i === chosen ? "chosen" : ""];
+    return [command(candidates[i], run.inputs), known ? bar(costs[i] / (most || 1)) : "", known ? show(costs[i], 4) : "not allowed now", i === chosen ? "chosen" : ""];
   });
   const left = costs.length - order.length;
   const t = `${show(thought.step * run.Ts, 5)} s`;

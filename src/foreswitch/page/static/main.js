@@ -17,23 +17,28 @@ import { themeSwitch } from "./themeswitch.js";
 import { HEADS, figures, sentence, summary, verdict } from "./words.js";
 import { wire } from "./wire.js";
 
-/** Slow questions wait until the settings rest so long [ms]. */
-const REST = 350;
+/** The proof waits until the settings rest so long, the search for the best simple law longer [ms]. */
+const REST = { proof: 120, search: 500 };
 /** Measured times from a slider to the picture that are kept, for whoever wants to see them. */
 const TIMES = 500;
 
 const start = await (await request("/start.json")).json();
-const fresh = (project) => ({ v: 1, project, options: {}, view: { pins: [], baselines: [], step: 0 } });
+const fresh = (project) => ({ v: 1, project, options: {}, view: { pins: [], baselines: [], step: null } });
 
 let state = fresh(start.project);
 let run = null; // the last run that could be made
 let proof; // of the present settings; undefined: not there yet
-let rest = 0; // timer of the slow questions
+let rests = []; // timers of the slow questions
 let dragging = false;
 const beside = new Map(); // lane -> {key, run, proof, error}: pinned runs and baselines
 
 const asked = ({ project, options }) => ({ project, options });
 const key = (each) => JSON.stringify([each.project, each.options]);
+const numbers = new Map(); // of pinned settings, for the names of their lanes
+const laneOf = (pin) => {
+  if (!numbers.has(key(pin))) numbers.set(key(pin), numbers.size);
+  return `pin ${numbers.get(key(pin))}`;
+};
 
 // Telling --------------------------------------------------------------------------------------------------------------
 
@@ -65,7 +70,8 @@ function look(begun) {
       return;
     }
     trouble(null);
-    run = reply;
+    const { levels } = mine.project.actuator;
+    run = { ...reply, levels: Array.isArray(levels[0]) ? levels : [levels] };
     drawing.show(run, state.view.step, dragging);
     byId("summary").textContent = summary(run);
     table();
@@ -89,9 +95,8 @@ function painted(begun) {
 
 function think() {
   if (!run) return;
-  const step = Math.min(state.view.step, run.u[0].length - 1);
   const of = run;
-  server.ask("costs", "", { ...asked(state), step }, (reply) => {
+  server.ask("costs", "", { ...asked(state), step: drawing.step() }, (reply) => {
     if (reply.error || of !== run) return;
     drawing.thought(reply);
     showCosts(reply, run);
@@ -117,7 +122,7 @@ function prove() {
 
 /** Pinned runs and baselines that are shown but not there yet. */
 function others() {
-  const wanted = new Map(state.view.pins.map((pin) => [`pin ${key(pin)}`, { kind: "look", ...asked(pin) }]));
+  const wanted = new Map(state.view.pins.map((pin) => [laneOf(pin), { kind: "look", ...asked(pin) }]));
   for (const which of state.view.baselines) wanted.set(which, { kind: "baseline", which, ...asked(state) });
   for (const lane of beside.keys()) if (!wanted.has(lane)) beside.delete(lane);
   for (const [lane, { kind, ...body }] of wanted) {
@@ -144,7 +149,7 @@ function others() {
 
 /** Runs beside the present one, in their order, with the number of their colour. */
 function drawn() {
-  const pins = state.view.pins.map((pin, i) => ({ label: pin.name, lane: `pin ${key(pin)}`, colour: i }));
+  const pins = state.view.pins.map((pin, i) => ({ label: pin.name, lane: laneOf(pin), colour: i }));
   const laws = BASELINES.filter(([which]) => state.view.baselines.includes(which))
     .map(([which, words]) => ({ label: words, lane: which, colour: state.view.pins.length + BASELINES.findIndex(([each]) => each === which), law: true }));
   return [...pins, ...laws].map((each) => ({ ...each, ...beside.get(each.lane) }));
@@ -152,7 +157,8 @@ function drawn() {
 
 function overlays() {
   const there = drawn();
-  drawing.overlay(there.filter((each) => each.run).map((each) => ({ t: each.run.t, y: each.run.y, colour: each.colour, fresh: !each.waiting })));
+  const alike = (each) => each.run && run && String(each.run.outputs) === String(run.outputs);
+  drawing.overlay(there.filter(alike).map((each) => ({ t: each.run.t, y: each.run.y, colour: each.colour, fresh: !each.waiting })));
   comparing.show(state.view, Object.fromEntries(there.filter((each) => each.law).map((each) => [each.lane, { error: each.error, parameters: each.run?.parameters }])));
   legend();
   table();
@@ -161,7 +167,7 @@ function overlays() {
 function legend() {
   const item = (mark, text) => make("li", {}, mark, text);
   const lines = [item(swatch("output"), "output"), item(swatch("reference", [6, 4]), "reference")];
-  if (proof?.holds) lines.push(item(make("span", { className: "swatch area" }), "proven band"));
+  if (drawing.banded()) lines.push(item(make("span", { className: "swatch area" }), proof ? "proven band" : "proven band, of the settings before"));
   for (const each of drawn()) if (each.run) lines.push(item(swatch(otherColour(each.colour), DASHES[each.colour % 4]), each.label));
   byId("legend").replaceChildren(...lines);
 }
@@ -187,21 +193,24 @@ function become(next, { what = "", begun, dragged = false, afresh = false } = {}
   if (differs || !run) {
     proof = undefined;
     drawing.dim();
+    byId("proof").textContent = "Looking for a proof …";
     look(begun);
   } else if (letGo) {
     drawing.show(run, state.view.step, false);
     speak(summary(run));
   }
-  clearTimeout(rest);
-  if (differs || proof === undefined) {
-    byId("proof").textContent = "Looking for a proof …";
-    rest = setTimeout(() => (prove(), others()), REST);
-  } else others();
+  if (!differs && proof !== undefined) {
+    others();
+    return;
+  }
+  for (const timer of rests) clearTimeout(timer);
+  rests = [setTimeout(prove, REST.proof), setTimeout(others, REST.search)];
+  legend();
 }
 
 function loaded(project, what) {
   notice("");
-  become({ ...fresh(project), view: { ...state.view, step: 0 } }, { what, afresh: true });
+  become({ ...fresh(project), view: { ...state.view, step: null } }, { what, afresh: true });
 }
 
 /** The project drafted for a plant that was found. */

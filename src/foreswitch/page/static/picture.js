@@ -6,7 +6,7 @@ import { show } from "./scale.js";
 import { area, curve, inside } from "./strokes.js";
 
 const AXIS = 62; // width of the axes at the left [px]: that of "-1000000"
-const LANE = 1.45; // distance of one input's stairs from the next, in their height
+const LANE = 1.6; // distance of one input's stairs from the next, in their height
 const FONT = "12px system-ui, sans-serif";
 
 const ratio = () => devicePixelRatio || 1;
@@ -125,6 +125,8 @@ export function picture(moved) {
     if (run.inputs.length > 1) {
       inside(chart, (ctx) => {
         ctx.font = `${11 * ratio()}px system-ui, sans-serif`;
+        ctx.textAlign = "left";
+        ctx.textBaseline = "alphabetic";
         run.inputs.forEach((name, j) => {
           const y = chart.valToPos(base(j) + 1.1, "y", true);
           ctx.lineWidth = 3 * ratio();
@@ -202,7 +204,7 @@ export function picture(moved) {
     boxes.push(make("p", { className: "chart-name" }, names.length > 1 ? "commands, as issued; time [s]" : `${names[0]}, as commanded; time [s]`), box);
     const stairs = names.map(() => line("command", 1.5, { paths: uPlot.paths.stepped({ align: 1 }) }));
     const yAxis = { splits: () => laneMarks().map((mark) => mark.at), values: () => laneMarks().map((mark) => mark.text) };
-    const range = () => [-0.15, (names.length - 1) * LANE + (names.length > 1 ? 1.45 : 1.15)];
+    const range = () => [-0.15, (names.length - 1) * LANE + (names.length > 1 ? 1.55 : 1.15)];
     charts.push({ box, chart: new uPlot(options(stairs, yAxis, range, true, { draw: [laneNames] }), null, box) });
     root.replaceChildren(...boxes);
     fit();
@@ -215,7 +217,7 @@ export function picture(moved) {
     const names = [...root.querySelectorAll(".chart-name")].reduce((sum, each) => sum + each.offsetHeight, 0);
     const lanes = run.inputs.length;
     const free = Math.max(root.clientHeight - names, 120);
-    const below = Math.min(34 + 40 * lanes, Math.max(0.42 * free, 64));
+    const below = Math.min(34 + 44 * lanes, Math.max(0.42 * free, 64));
     const each = (free - below) / (charts.length - 1);
     charts.forEach(({ chart }, i) => chart.setSize({ width, height: Math.floor(i === charts.length - 1 ? below : each) }));
   }
@@ -283,17 +285,18 @@ export function picture(moved) {
   new ResizeObserver(fit).observe(root);
 
   return {
-    /** A run, with the cursor's step and whether a slider is being dragged. */
+    /** A run, with the cursor's step (null: a third of the way) and whether a slider is being dragged. */
     show(reply, step, dragged) {
       run = reply;
       calm = dragged;
       if (stretch && stretch[1] > run.t.at(-1)) stretch = null;
-      cursor = Math.min(step, run.u[0].length - 1);
+      cursor = Math.min(step ?? Math.floor(run.u[0].length / 3), run.u[0].length - 1);
       slider.max = run.u[0].length - 1;
       slider.value = cursor;
       const now = JSON.stringify([run.inputs, run.outputs, run.levels]);
       if (now !== shape) {
         shape = now;
+        proof = thought = null; // of another plant
         build();
       }
       draw();
@@ -304,10 +307,12 @@ export function picture(moved) {
       proof = next;
       draw();
     },
-    /** The band is of other settings now. */
+    /** The band is of earlier settings from now on. */
     dim() {
-      if (proof?.fresh) proof = { ...proof, fresh: false };
+      if (proof) proof = { ...proof, fresh: false };
     },
+    /** Whether a band is drawn. */
+    banded: () => Boolean(proof),
     overlay(next) {
       others = next;
       draw();
@@ -316,6 +321,8 @@ export function picture(moved) {
       thought = next;
       repaint();
     },
+    /** The step at which the cursor stands. */
+    step: () => cursor,
     restyle,
   };
 }

@@ -4,7 +4,11 @@ import { show } from "./scale.js";
 import { bare, unitOf } from "./sizes.js";
 
 const time = (seconds) => (seconds === null || seconds === undefined ? "–" : Math.abs(seconds) < 1 ? `${show(1000 * seconds)} ms` : `${show(seconds)} s`);
+const capital = (text) => text[0].toUpperCase() + text.slice(1);
 const withUnit = (value, name) => `${show(value)} ${unitOf(name)}`.trim();
+
+/** Figures of one output or input may stand alone. */
+const lists = (metrics) => Object.fromEntries(Object.entries(metrics).map(([name, value]) => [name, [value].flat()]));
 
 /**
  * What the picture shows, for those who do not see it.
@@ -12,16 +16,17 @@ const withUnit = (value, name) => `${show(value)} ${unitOf(name)}`.trim();
  * @returns {string}
  */
 export function summary(run) {
-  const { metrics } = run;
+  const metrics = lists(run.metrics);
   const outputs = run.outputs.map((name, q) => {
     const lag = metrics.lag[q];
-    const shift = Math.abs(lag) < 1e-9 ? "without lag" : lag > 0 ? `${time(lag)} behind` : `${time(-lag)} ahead`;
-    return `${bare(name)} follows its reference with an rms error of ${withUnit(metrics.rms_error[q], name)}, ${shift}; with that lag taken out, ${withUnit(metrics.rms_error_at_lag[q], name)} remain`;
+    const follows = `${bare(name)} follows its reference with an rms error of ${withUnit(metrics.rms_error[q], name)}`;
+    if (Math.abs(lag) < 1e-9) return `${follows}, without lag`;
+    const shift = lag > 0 ? `${time(lag)} behind` : `${time(-lag)} ahead`;
+    return `${follows}, ${shift}; with that taken out, ${withUnit(metrics.rms_error_at_lag[q], name)} remain`;
   });
   const inputs = run.inputs.map((name, j) => `${bare(name)} switches ${metrics.switches[j]} times`);
   const odd = (run.statuses ?? []).map((each) => `In ${each.count} periods: ${each.remedy || each.name}.`);
-  const text = `${outputs.join("; ")}. ${inputs.join(", ")} in ${time(run.t.at(-1))}.`;
-  return [text[0].toUpperCase() + text.slice(1), ...odd].join(" ");
+  return [`${capital(outputs.join("; "))}.`, `${capital(inputs.join(", "))} in ${time(run.t.at(-1))}.`, ...odd].join(" ");
 }
 
 /**
@@ -33,7 +38,7 @@ export function summary(run) {
 export function verdict(proof, outputs) {
   if (!proof.holds) return `Not proven: ${sentence(proof.reasons?.[0] ?? "")}`;
   const bounds = outputs.map((name, q) => `${withUnit(proof.error_bound[q], name)}${outputs.length > 1 ? ` (${bare(name)})` : ""}`);
-  return `Proven: never further than ${bounds.join(", ")} from the ideal response, at any time, whatever reference keeps within reach (the shaded band).`;
+  return `Proven: at no time further than ${bounds.join(", ")} from the ideal response (the shaded band).`;
 }
 
 /**
@@ -56,12 +61,12 @@ export const HEADS = ["run", "rms error", "lag", "rms error without it", "larges
  * @returns {string[]}
  */
 export function figures(metrics, outputs, proof) {
+  const { rms_error, lag, rms_error_at_lag, max_error, switches, on_time } = lists(metrics);
   const inUnit = (values) => values.map((value, q) => withUnit(value, outputs[q])).join(", ");
   const times = (values) => values.map(time).join(", ");
   const bound = proof === undefined ? "…" : proof === null ? "" : proof.holds ? inUnit(proof.error_bound) : "none";
   return [
-    inUnit(metrics.rms_error), times(metrics.lag), inUnit(metrics.rms_error_at_lag), inUnit(metrics.max_error),
-    metrics.switches.join(", "), times(metrics.on_time), bound,
+    inUnit(rms_error), times(lag), inUnit(rms_error_at_lag), inUnit(max_error), switches.join(", "), times(on_time), bound,
   ];
 }
 

@@ -437,14 +437,20 @@ def gallery_page(folder: Path) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-# How-tos -------------------------------------------------------------------------------------------------------------
+# Pages that draw their own pictures ----------------------------------------------------------------------------------
 
 
-def start_howtos(folder: Path) -> Running:
-    """The snippets of every how-to, which draw its pictures, each page in a folder of its own."""
-    pages = sorted((ROOT / "docs" / "howto").glob("*.md"))
-    script = str(ROOT / "docs" / "snippets.py")
-    return started({str(page): (folder / page.stem, [script, str(page), str(folder / page.stem)]) for page in pages})
+def start_pages(folder: Path) -> Running:
+    """The snippets of the tutorial and of every how-to, each page in a folder of its own."""
+    docs = ROOT / "docs"
+    pages = {page: folder / page.relative_to(docs).with_suffix("") for page in drawing_pages()}
+    script = str(docs / "snippets.py")
+    return started({str(page): (out, [script, str(page), str(out)]) for page, out in pages.items()})
+
+
+def drawing_pages() -> list[Path]:
+    """Those that show what their snippets draw."""
+    return [ROOT / "docs" / "tutorial.md", *sorted((ROOT / "docs" / "howto").glob("*.md"))]
 
 
 # Numbers in the text --------------------------------------------------------------------------------------------------
@@ -601,10 +607,10 @@ def build(folder: Path) -> None:
     (folder / "precision.md").write_text(markdown_table(heads, precision_rows()))
     for verb in verbs():
         (folder / f"help_{verb}.txt").write_text(help_text(verb))
-    howtos = start_howtos(folder / "howto")
+    pages = start_pages(folder)
     run_examples(folder / "gallery")
     (folder / "gallery.md").write_text(gallery_page(folder / "gallery"))
-    ended(howtos)
+    ended(pages)
     demo = run_demo()
     (folder / "demo").mkdir()
     demo.report.write(folder / "demo")

@@ -17,10 +17,11 @@ import io
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -133,20 +134,20 @@ def changed(text: str, changes: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def run(page: Path, there: Callable[[str], bool] = lambda need: True) -> list[str]:
-    """Run a page in the working folder.
+@cache
+def there(need: str) -> bool:
+    """Whether a program, or COMPILER:HEADER, is installed."""
+    program, _, header = need.partition(":")
+    if shutil.which(program) is None:
+        return False
+    found = [program, "-E", "-x", "c", "-"]
+    return (
+        not header or not subprocess.run(found, input=f"#include <{header}>".encode(), capture_output=True).returncode
+    )
 
-    Parameters
-    ----------
-    page : Path
-    there : callable
-        Whether a program, or ``compiler:header``, is installed.
 
-    Returns
-    -------
-    list of str
-        What was lacking, and so was not run.
-    """
+def run(page: Path) -> list[str]:
+    """Run a page in the working folder; what was lacking, and so was not run."""
     names: dict[str, Any] = {"__name__": "__main__"}
     printed, lacking = "", []
     for block in blocks(page):
@@ -173,4 +174,5 @@ def run(page: Path, there: Callable[[str], bool] = lambda need: True) -> list[st
 if __name__ == "__main__":
     page = Path(sys.argv[1]).resolve()
     os.chdir(sys.argv[2])
-    run(page)
+    for need in run(page):
+        print(f"{page.name}: not run for want of {need}", file=sys.stderr)

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 import foreswitch as fsw
-from targets.harness import there
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -38,7 +37,7 @@ def test_every_snippet_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
-    if lacking := snippets.run(page, there):
+    if lacking := snippets.run(page):
         pytest.skip(f"target not here: {page.name} lacks {', '.join(lacking)}; all else was run")
 
 

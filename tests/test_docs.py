@@ -2,9 +2,11 @@
 
 import os
 import re
+import shutil
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import foreswitch as fsw
@@ -37,8 +39,115 @@ def test_every_snippet_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
-    if lacking := snippets.run(page):
+    lacking = snippets.run(page)
+    for shown in re.findall(r"/_generated/((?:howto|tutorial)/\S+\.svg)", page.read_text(encoding="utf-8")):
+        own = str(page.relative_to(DOCS).with_suffix(""))
+        assert shown.startswith(f"{own}/"), f"{page.name} shows {shown}, which another page draws"
+        assert Path(shown.removeprefix(f"{own}/")).read_text().startswith("<?xml")
+    if lacking:
         pytest.skip(f"target not here: {page.name} lacks {', '.join(lacking)}; all else was run")
+
+
+def block(language, text, mark=""):
+    return f"{mark}\n```{language}\n{text}\n```\n"
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        (block("python", "assert 1 + 1 == 2"), block("python", "assert 1 + 1 == 3")),
+        (block("python", ">>> 1 + 1\n2"), block("python", ">>> 1 + 1\n3")),
+        (
+            block("python", "print(2)") + block("text", "2", "<!-- printed -->"),
+            block("python", "print(2)") + block("text", "3", "<!-- printed -->"),
+        ),
+        (block("console", "$ foreswitch init a\na/project.toml: ..."), block("console", "$ foreswitch init a\nb: ...")),
+        (block("console", "$ foreswitch init a"), block("console", "$ foreswitch init")),
+        (block("console", "$ false", "<!-- exit 1 -->"), block("console", "$ false")),
+        (block("console", "$ sh -c 'echo 2'\n2", "<!-- needs: cc -->"), block("console", "$ sh -c 'echo 2'\n3")),
+        (block("python", "assert False", "<!-- not run: why -->"), block("python", "assert False", "<!-- no mark -->")),
+        (block("python", "2"), block("pyton", "2")),
+    ],
+)
+def test_a_wrong_snippet_is_found(right, wrong, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = tmp_path / "page.md"
+    page.write_text(right)
+    assert snippets.run(page) == []
+    page.write_text(wrong)
+    shutil.rmtree("a", ignore_errors=True)
+    with pytest.raises(AssertionError):
+        snippets.run(page)
+
+
+def test_what_a_machine_lacks_is_said_and_not_run(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(block("console", "$ false", "<!-- needs: cc, no-such-compiler, cc:no/such/header.h -->"))
+    assert snippets.run(page) == ["cc:no/such/header.h", "no-such-compiler"]
+
+
+def test_a_project_file_is_changed_key_by_key():
+    text = "# one\n[a]\nx = 1  # old\ny = 2\n\n[a.b]\nx = 3\n"
+    assert snippets.changed(text, "[a]\nx = 5\nz = 6\n\n[a.b]\nw = 7\n[c]\nx = 8\n") == (
+        "# one\n[a]\nx = 5\ny = 2\nz = 6\n\n[a.b]\nx = 3\nw = 7\n\n[c]\nx = 8\n"
+    )
+
+
+@pytest.mark.parametrize("page", HOWTOS, ids=lambda page: page.stem)
+def test_a_how_to_quotes_only_numbers_that_its_code_holds_or_prints(page):
+    """Of two digits or more; and it has its parts: the short answer first, a picture, what to look out for."""
+    text = page.read_text(encoding="utf-8")
+    code = " ".join(each.text for each in snippets.blocks(page))
+    prose = re.sub(r"^```(?!\{figure).*?^```$|`[^`\n]+`|\]\([^)]*\)", " ", text, flags=re.DOTALL | re.MULTILINE)
+    number = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.]*\d)")
+    values = {float(found) for found in number.findall(code)}
+    values |= {value * factor for value in values for factor in (100, 1000)}  # per cent and thousandths
+    quoted = {found for found in number.findall(prose) if len(found) > 1}
+    assert not {found for found in quoted if not np.isclose(float(found), sorted(values)).any()}
+    assert re.match(r"# [^\n]+\n\n\*\*", text)
+    assert "## What to look out for" in text
+    assert "```{figure} /_generated/howto/" in text
+
+
+def test_the_rule_for_settings_is_that_of_drafted_projects():
+    from foreswitch import draft
+
+    text = page_text("howto/settings.md")
+    assert draft.SETTLING == 3.0
+    assert "three times the slowest lag" in text
+    assert f"{draft.BANDWIDTH:g} / `Ts`" in text
+
+
+# Links ----------------------------------------------------------------------------------------------------------------
+
+TEXTS = [*PAGES, *sorted((ROOT / "examples").glob("*/README.md")), ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
+
+
+def prose(page: Path) -> str:
+    """A page without its code."""
+    return re.sub(r"^```.*?^```$|`[^`\n]+`", " ", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+
+
+def anchors(page: Path) -> set[str]:
+    """What a heading is called in a link."""
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    heads = re.findall(r"^#+ (.+)$", text, flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("page", TEXTS, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page):
+    """Inside: file and heading exist. Outside: an address of the right form, as tests have no network."""
+    for target in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
+        if target.startswith("/_generated/"):
+            continue  # drawn while the site is built, which fails without it
+        if re.match(r"\w+:", target):
+            assert re.fullmatch(r"https://[a-z0-9-]+(\.[a-z0-9-]+)+(/[\w.~%+-]*)*(#[\w-]+)?", target), target
+            continue
+        path, _, anchor = target.partition("#")
+        file = (page.parent / path).resolve() if path else page
+        assert file.exists(), f"{target} is not there"
+        assert not anchor or anchor in anchors(file), f"{target}: no such heading"
 
 
 # What the pages cover --------------------------------------------------------------------------------------------------

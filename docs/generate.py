@@ -25,6 +25,7 @@ from typer.testing import CliRunner
 
 from foreswitch import Hardware, Status, cli, compare_precision, report
 from foreswitch.demo import Demo, hot_gas_file, run_demo
+from foreswitch.export import firmware_figures
 from foreswitch.project import (
     ActuatorTable,
     Choice,
@@ -278,7 +279,9 @@ def core_values() -> dict[str, str]:
     candidates = len(law.decide(np.zeros(n), 0.0).candidates)
     pending = sum(math.ceil(tau / law.Ts - 1e-9) for tau in law.plant.input_delay)
     loads = 1
+    single = firmware_figures(law.replace(real="float32"))
     return {
+        "state_bytes": str(single["state_bytes"]),
         "multiply_adds": str(q * (n + p + law.order + pending + candidates * m) + m * q),
         "estimator_adds": str(n * (n + 2 * m + p + loads) + q * (2 * n + loads + q) + q * loads),
     }
@@ -537,7 +540,9 @@ CLAIMS = {
         "a budget of 100 nodes proves {budget_proven} % of the steps and leaves {budget_rms} kPa where the full search "
         "leaves {family_exact_much} kPa; even a budget of one node leaves {least_rms} kPa",
     ],
+    "../README.md": ["({state_bytes} bytes for this controller in single precision)"],
     "c_api.md": [
+        "demo's controller in single precision then needs {state_bytes} bytes",
         "{multiply_adds} for the demo's controller",
         "{estimator_adds} more for the demo's controller with one load",
     ],

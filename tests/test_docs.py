@@ -1,13 +1,17 @@
 """The pages: every snippet runs and shows what it really prints; every key and every public name is described."""
 
+import inspect
 import os
 import re
 import shutil
+import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 import foreswitch as fsw
 
@@ -195,6 +199,16 @@ def test_every_verb_has_its_help(generate):
         assert "Example: foreswitch" in generate.help_text(verb)
 
 
+def public_members() -> Iterator[tuple[str, set[str]]]:
+    """Classes with methods and properties of their own."""
+    from test_layout import PUBLIC
+
+    classes = {name for name, item in PUBLIC.items() if inspect.isclass(item)}
+    for name in sorted(classes):
+        if members := {each.removeprefix(f"{name}.") for each in PUBLIC if each.startswith(f"{name}.")}:
+            yield name, members
+
+
 def test_every_public_name_is_in_the_reference():
     from foreswitch import baselines, project
 
@@ -206,12 +220,58 @@ def test_every_public_name_is_in_the_reference():
     assert wanted <= documented, f"missing: {sorted(wanted - documented)}"
 
 
-def test_the_numbers_in_the_text_are_those_computed(generate, tmp_path):
-    values = generate.figures.draw(tmp_path) | generate.demo_values(generate.run_demo()) | generate.core_values()
+@pytest.mark.parametrize(("name", "members"), [*public_members()], ids=lambda value: str(value).split(".")[-1])
+def test_every_public_method_is_in_the_reference(name, members):
+    """Under its class: by a bare ":members:", by name, or as a special member."""
+    entry = re.search(
+        rf"^\.\. autoclass:: {re.escape(name)}\n((?:   .*\n|\n(?=   ))*)", page_text("reference.md"), re.MULTILINE
+    )
+    listed = re.search(r"^   :members:(.*)$", entry[1], re.MULTILINE)
+    if listed is None or listed[1].strip():
+        named = set(re.findall(r"\w+", listed[1])) if listed else set()
+        assert members <= named, f"{name}: {sorted(members - named)}"
+
+
+@pytest.fixture(scope="module")
+def demo(generate):
+    return generate.run_demo()
+
+
+def test_the_numbers_in_the_text_are_those_computed(generate, demo, tmp_path):
+    values = generate.figures.draw(tmp_path) | generate.demo_values(demo) | generate.core_values()
     values |= generate.record_values()
     values |= generate.horizons.family()[1]
     values["budget"] = str(generate.comparisons.BUDGET)
     assert generate.false_claims(values) == []
+
+
+def test_the_picture_in_the_readme_is_that_of_the_demo(demo, tmp_path):
+    """A README shows what is in the repository; `docs/tracking.png` is a copy."""
+    demo.report.write(tmp_path)
+    kept, drawn = (imread(path)[..., :3] for path in (DOCS / "tracking.png", tmp_path / "tracking.png"))
+    assert kept.shape == drawn.shape
+    assert np.abs(kept - drawn).mean() < 1e-3
+
+
+def test_the_call_in_the_readme_is_c(tmp_path):
+    [call] = [each.text for each in snippets.blocks(ROOT / "README.md") if each.language == "c"]
+    (tmp_path / "call.c").write_text(
+        '#include "foreswitch.h"\nextern const fsw_design design;\nstatic fsw_state state;\n'
+        "void call(const fsw_real *x, const fsw_real *reference, const fsw_real *w, fsw_real *u);\n"
+        "void call(const fsw_real *x, const fsw_real *reference, const fsw_real *w, fsw_real *u)\n{\n" + call + "}\n"
+    )
+    command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{ROOT / 'core'}", "-fsyntax-only", "call.c"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+
+
+def test_every_make_that_a_page_tells_is_a_target():
+    targets = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE))
+    told = {
+        name for page in TEXTS for name in re.findall(r"(?:^    |`|\$ )make ([a-z]\w*)", page.read_text(), re.MULTILINE)
+    }
+    of_exports = {"selftest", "figures", "example"}
+    assert {"demo", "test", "docs"} <= told
+    assert told - of_exports <= targets
 
 
 def test_every_file_that_a_page_names_exists():

@@ -46,9 +46,12 @@ function speak(text) {
   byId("spoken").textContent = text;
 }
 
-function notice(text) {
-  byId("notice").textContent = text;
-  byId("notice").hidden = !text;
+/** One sentence for each matter: the server, a file, a link. */
+const notices = new Map();
+function notice(matter, text) {
+  notices.set(matter, text);
+  byId("notice").textContent = [...notices.values()].filter(Boolean).join(" ");
+  byId("notice").hidden = !byId("notice").textContent;
 }
 
 function trouble(error) {
@@ -70,8 +73,7 @@ function look(begun) {
       return;
     }
     trouble(null);
-    const { levels } = mine.project.actuator;
-    run = { ...reply, levels: Array.isArray(levels[0]) ? levels : [levels] };
+    run = reply;
     drawing.show(run, state.view.step, dragging);
     byId("summary").textContent = summary(run);
     table();
@@ -209,7 +211,8 @@ function become(next, { what = "", begun, dragged = false, afresh = false } = {}
 }
 
 function loaded(project, what) {
-  notice("");
+  notice("file", "");
+  notice("link", "");
   become({ ...fresh(project), view: { ...state.view, step: null } }, { what, afresh: true });
 }
 
@@ -257,6 +260,7 @@ exportsPanel(() => state, speak);
 
 const shown = tabs((id) => {
   byId("run").hidden = id === "identify";
+  byId("read").hidden = id === "identify"; // it is about the run
   byId("record-picture").hidden = id !== "identify";
 });
 const opened = (id) => shown(id);
@@ -267,7 +271,7 @@ const take = dropped({
     opened("identify");
     identifying.load(file);
   },
-  complain: (error) => notice(sentence(error.message)),
+  complain: (error) => notice("file", sentence(error.message)),
 });
 byId("open").addEventListener("change", (event) => {
   take([...event.target.files]);
@@ -298,7 +302,7 @@ document.addEventListener("pointerover", tell);
 
 const links = address((next) => {
   if (!next) {
-    notice("This link is damaged; the settings before it are kept.");
+    notice("link", "This link is damaged; the settings before it are kept.");
     links.note(state, "");
     return;
   }
@@ -312,10 +316,10 @@ function whole(next) {
 }
 
 const server = wire(({ open, wait }) => {
-  notice(open ? "" : `The server does not answer; trying again in ${Math.ceil(wait / 1000)} s. Nothing is lost.`);
+  notice("server", open ? "" : `The server does not answer; trying again in ${Math.ceil(wait / 1000)} s. Nothing is lost.`);
 });
 
 const linked = await links.read();
-if (linked === null) notice(`This link is damaged; here is ${start.presets[0]?.title ?? "an example"} instead.`);
+if (linked === null) notice("link", `This link is damaged; here is ${start.presets[0]?.title ?? "an example"} instead.`);
 become(whole(linked ?? state), { afresh: true });
 identifying.restore();

@@ -25,8 +25,10 @@ export function summary(run) {
     return `${follows}, ${shift}; with that taken out, ${withUnit(metrics.rms_error_at_lag[q], name)} remain`;
   });
   const inputs = run.inputs.map((name, j) => `${bare(name)} switches ${metrics.switches[j]} times`);
-  const odd = (run.statuses ?? []).map((each) => `In ${each.count} periods: ${each.remedy || each.name}.`);
-  return [`${capital(outputs.join("; "))}.`, `${capital(inputs.join(", "))} in ${time(run.t.at(-1))}.`, ...odd].join(" ");
+  const odd = run.status.reduce((count, status) => count + (status !== 0), 0);
+  const unsound = odd ? [`In ${odd} periods the command did not rest on a sound measurement; move the cursor there to read why`] : [];
+  const more = [...unsound, ...(run.warnings ?? [])].map((each) => sentence(capital(each)));
+  return [`${capital(outputs.join("; "))}.`, `${capital(inputs.join(", "))} in ${time(run.t.at(-1))}.`, ...more].join(" ");
 }
 
 /**

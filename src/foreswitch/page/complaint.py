@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from foreswitch.page.limits import LIMITS
-from foreswitch.project import File, Project, ReferenceTable, Valve
+from foreswitch.project import File, HardwareTable, Project, ReferenceTable, SimulationTable, Valve
 
 __all__ = ["Complaint", "field_of", "short"]
 
@@ -83,7 +83,8 @@ def field_of(tables: dict[str, Any], sentence: str) -> str | None:
             build()
         except ValueError as error:
             return _within(place, known, str(error))
-    return _within("simulation", File.model_fields["simulation"].annotation.model_fields, sentence)  # type: ignore[union-attr]
+    keys = dict.fromkeys(SimulationTable.model_fields, "simulation")
+    return _within("simulation", dict.fromkeys(HardwareTable.model_fields, "simulation.hardware") | keys, sentence)
 
 
 def _by_form(sentence: str) -> str | None:
@@ -132,10 +133,10 @@ def _stages(tables: dict[str, Any], file: File) -> Iterator[tuple[str, Callable[
         for i, table in enumerate(found if isinstance(found, list) else [found]):
             if isinstance(table, ReferenceTable):
                 where = f"{place}.{i}" if isinstance(found, list) else place
-                yield where, partial(table.build, None), ReferenceTable.model_fields
+                yield where, partial(table.build, None, place), ReferenceTable.model_fields
     yield "reference", lambda: _count(file), {}
     if simulation.plant:
-        yield "simulation.plant", simulation.plant.build, plant_keys
+        yield "simulation.plant", partial(simulation.plant.build, "simulation.plant"), plant_keys
     if simulation.hardware:
         yield "simulation.hardware", simulation.hardware.build, type(simulation.hardware).model_fields
     if isinstance(simulation.disturbance, Valve):

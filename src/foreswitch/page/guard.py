@@ -73,23 +73,14 @@ class Guard:
             if entered:
                 await _page(guarded, self.cookie, entered)
                 return
-            if scope["type"] == "http":
-                receive = self._bounded(scope, receive)
+            body = self._body(scope, receive) if scope["type"] == "http" else None
         except Refused as refusal:
             await _refuse(scope, _with_headers(send, ""), refusal)
             return
-        started = False
-
-        async def noted(message: MutableMapping[str, Any]) -> None:
-            nonlocal started
-            started = True
-            await guarded(message)
-
-        try:
-            await self.app(scope, receive, noted)
-        except Refused as refusal:
-            if not started:
-                await _refuse(scope, guarded, refusal)
+        if body is None:
+            await self.app(scope, receive, guarded)
+        else:
+            await body.answered(self.app, scope, guarded)
 
     def _host(self, scope: Scope) -> str:
         """The one name it was addressed by."""
@@ -122,24 +113,47 @@ class Guard:
             return None
         raise Refused(403, "the token is missing or wrong; open the link that the terminal shows")
 
-    def _bounded(self, scope: Scope, receive: Receive) -> Receive:
-        """The body, cut off where it is too long, whatever its header says."""
+    def _body(self, scope: Scope, receive: Receive) -> _Body:
+        """What is sent along, if it does not say itself that it is too long."""
         limit = self.sizes.get(scope["path"], 0)
-        too_long = Refused(413, f"the upload is longer than {limit} bytes; send less")
-        lengths = _values(scope, b"content-length")
-        if any(not length.isdecimal() or int(length[:20]) > limit for length in lengths):
-            raise too_long
-        taken = 0
+        for length in _values(scope, b"content-length"):
+            if not length.isdecimal() or len(length) > 15 or int(length) > limit:
+                raise _too_long(limit)
+        return _Body(receive, limit)
 
-        async def counted() -> MutableMapping[str, Any]:
-            nonlocal taken
-            message = await receive()
-            taken += len(message.get("body", b""))
-            if taken > limit:
-                raise too_long
-            return message
 
-        return counted
+def _too_long(limit: int) -> Refused:
+    return Refused(413, f"the upload is longer than {limit} bytes; send less")
+
+
+class _Body:
+    """An upload, cut off where it is too long: as if the client had gone, whose place is then taken by a refusal."""
+
+    def __init__(self, receive: Receive, limit: int) -> None:
+        self.receive, self.limit, self.taken = receive, limit, 0
+
+    async def _counted(self) -> MutableMapping[str, Any]:
+        message = await self.receive() if self.taken <= self.limit else {}
+        self.taken += len(message.get("body", b""))
+        return message if self.taken <= self.limit else {"type": "http.disconnect"}
+
+    async def answered(self, app: Any, scope: Scope, send: Send) -> None:
+        """The application's reply, or the refusal."""
+        started = False
+
+        async def sending(message: MutableMapping[str, Any]) -> None:
+            nonlocal started
+            if started or self.taken <= self.limit:
+                started = True
+                await send(message)
+
+        try:
+            await app(scope, self._counted, sending)
+        except Exception:
+            if self.taken <= self.limit:
+                raise
+        if not started:
+            await _refuse(scope, send, _too_long(self.limit))
 
 
 def _values(scope: Scope, name: bytes) -> list[str]:

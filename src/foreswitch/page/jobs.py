@@ -29,27 +29,30 @@ PACKAGE = str(Path(foreswitch.__file__).parent)
 
 def done(head: dict[str, Any], body: bytes) -> tuple[dict[str, Any], bytes]:
     """Header and body of the reply; never raises."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of extreme numbers; those of the design are caught where it is made
+        return _done(head, body)
+
+
+def _done(head: dict[str, Any], body: bytes) -> tuple[dict[str, Any], bytes]:
     kind, request = head["kind"], None
     mark = {"id": head.get("id"), "kind": kind}
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of extreme numbers; those of the design are caught where it is made
-            if kind in ("columns", "identify"):
-                if kind == "columns":
-                    return _json(records.columns(body))
-                return {"status": 200, "type": "application/octet-stream"}, pack(*records.identify(body, head["query"]))
-            request = json.loads(body)
-            if not isinstance(request, dict):
-                raise Complaint("the request is no object; give project and options")
-            if kind in ANSWERS:
-                fields, arrays = ANSWERS[kind](request)
-                return {"status": 200}, pack(mark | fields, arrays)
-            if kind == "project":
-                return _json({"project": presets.dropped(request)})
-            _, media, suffix = exports.FILES[head["file"]]
-            content = exports.export(request, head["file"])
-            name = request.get("name", "controller")
-            return {"status": 200, "type": media, "name": f"{name}{suffix}"}, content
+        if kind == "columns":
+            return _json(records.columns(body))
+        if kind == "identify":
+            return {"status": 200, "type": "application/octet-stream"}, pack(*records.identify(body, head["query"]))
+        request = json.loads(body)
+        if not isinstance(request, dict):
+            raise Complaint("the request is no object; give project and options")
+        if kind in ANSWERS:
+            fields, arrays = ANSWERS[kind](request)
+            return {"status": 200}, pack(mark | fields, arrays)
+        if kind == "project":
+            return _json({"project": presets.dropped(request)})
+        _, media, suffix = exports.FILES[head["file"]]
+        content = exports.export(request, head["file"])
+        return {"status": 200, "type": media, "name": request.get("name", "controller") + suffix}, content
     except Exception as error:
         complaint = sentence(error, request)
         if kind in ANSWERS:

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 import uvicorn
 from starlette.applications import Starlette
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
@@ -77,6 +77,7 @@ def application(project: dict[str, Any] | None, *, hosts: set[str], port: int, t
             await asyncio.gather(*(pool.stop() for pool in pools.values()))
 
     inner = Starlette(routes=[*_pages(project), *_uploads(pools), _talks(pools)], lifespan=lifespan)
+    inner.router.redirect_slashes = False  # a path is there or it is not
     sizes = {f"/export/{file}": LIMITS["message"] for file in FILES}
     sizes |= {"/project": LIMITS["record"], "/columns": LIMITS["record"], "/identify": LIMITS["record"]}
     return Guard(inner, hosts=hosts, any_address=token is not None, port=port, token=token, sizes=sizes)
@@ -117,12 +118,14 @@ def _uploads(pools: dict[str, Pool]) -> list[Route]:
         try:
             body = await asyncio.wait_for(request.body(), SLOWEST_UPLOAD)
             found = await _unless_gone(request, run_job(pools["slow"], head, body))
+        except ClientDisconnect:
+            return Response()  # nobody is there to read it
         except TimeoutError:
             return _complaint(408, f"the upload took longer than {SLOWEST_UPLOAD:g} s; try again")
         finally:
             under_way -= 1
         if found is None:
-            return Response()  # nobody is there to read it
+            return Response()
         told, content = found
         headers = {"content-disposition": f'attachment; filename="{told["name"]}"'} if "name" in told else {}
         return Response(content, told["status"], headers, told["type"])

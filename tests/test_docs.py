@@ -264,6 +264,26 @@ def test_the_call_in_the_readme_is_c(tmp_path):
     subprocess.run(command, cwd=tmp_path, check=True)
 
 
+def test_pages_are_drawn_again_where_they_or_the_code_changed(generate, tmp_path):
+    pages = generate.changed_pages(tmp_path, "code")
+    assert set(pages) == {DOCS / "tutorial.md", *HOWTOS}
+    for page, note in pages.items():
+        key = generate.place(tmp_path, page).with_suffix(".key")
+        key.parent.mkdir(exist_ok=True)
+        key.write_text(note)
+    assert generate.changed_pages(tmp_path, "code") == {}
+    assert set(generate.changed_pages(tmp_path, "other code")) == set(pages)
+    key.write_text("of another text")
+    assert set(generate.changed_pages(tmp_path, "code")) == {page}
+
+
+def test_what_is_computed_depends_on_all_that_computes_it(generate):
+    named = {str(path.relative_to(ROOT)) for path in generate.sources()}
+    assert {"src/foreswitch/loop.py", "core/foreswitch.c", "examples/oven/project.toml", "docs/figures.py"} <= named
+    assert {"docs/claims/lag.py", "docs/real_records.json", "benchmarks/targets_counts.json"} <= named
+    assert not [name for name in named if "_generated" in name or (name.endswith((".md", ".pyc")) and "docs/" in name)]
+
+
 def test_every_make_that_a_page_tells_is_a_target():
     targets = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE))
     told = {

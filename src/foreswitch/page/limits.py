@@ -26,5 +26,5 @@ LIMITS: dict[str, Any] = {
 #: Seconds until a job is ended with its process.
 LONGEST_JOB = {
     "look": 4.0, "costs": 4.0, "certify": 40.0, "baseline": 60.0,
-    "project": 10.0, "columns": 20.0, "identify": 60.0, "export": 90.0,
+    "project": 10.0, "columns": 20.0, "identify": 120.0, "export": 90.0,
 }  # fmt: skip

@@ -12,6 +12,7 @@ import os
 import signal
 import struct
 import sys
+from collections.abc import Callable
 from typing import Any, BinaryIO
 
 __all__ = ["MEMORY", "frame", "main"]
@@ -52,13 +53,22 @@ def main() -> None:
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a stray print must not come between two replies
     from foreswitch.page import jobs  # after the limit; takes a second
 
+    try:
+        _serve(source, sink, jobs.done)
+    except BrokenPipeError:
+        os._exit(0)  # the server has gone
+
+
+def _serve(
+    source: BinaryIO, sink: BinaryIO, done: Callable[[dict[str, Any], bytes], tuple[dict[str, Any], bytes]]
+) -> None:
     sink.write(frame({"ready": True}))
     sink.flush()
     while (job := _read(source)) is not None:
         head, body = job
         if hasattr(signal, "setitimer"):
             signal.setitimer(signal.ITIMER_REAL, head["limit"] + GRACE)
-        reply = frame(*jobs.done(head, body))
+        reply = frame(*done(head, body))
         if hasattr(signal, "setitimer"):
             signal.setitimer(signal.ITIMER_REAL, 0.0)
         sink.write(reply)

@@ -11,7 +11,7 @@ import sys
 import time
 from importlib import import_module
 
-TIMES = ("closed_loop", "python_step", "denormals", "batch", "horizon", "study")
+TIMES = ("closed_loop", "python_step", "denormals", "batch", "horizon", "study", "page_load")
 COUNTS = ("counts", "targets_counts", "certificate")
 #: Those that take a share of their work, and all of it with `--full`.
 SHORTENED = ("study", "certificate")

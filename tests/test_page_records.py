@@ -49,7 +49,7 @@ def test_columns_are_guessed_whatever_their_order():
 
 @pytest.mark.parametrize(
     "content",
-    [b"", b"\n\n", b"t,u\n0,1\n", b"\xff\xfe\x00", b"a,b,c\n1,2,x\n", b"<html>", b"t," * 100 + b"\n" + b"1," * 100, b"1,2,3"],
+    [b"", b"\n\n", b"t,u\n0,1", b"\xff\xfe\x00", b"a,b,c\n1,2,x\n", b"<html>", b"t," * 100 + b"\n" + b"1," * 100, b"1,2,3"],
     ids=["empty", "blank", "two", "binary", "word", "page", "wide", "no rows"],
 )  # fmt: skip
 def test_what_is_no_record_is_told(content):

@@ -196,7 +196,7 @@ def _headers(host: str) -> list[tuple[bytes, bytes]]:
 
 def _with_headers(send: Send, host: str) -> Send:
     async def sending(message: MutableMapping[str, Any]) -> None:
-        if message["type"] in ("http.response.start", "websocket.http.response.start"):
+        if message["type"] == "http.response.start":
             given = list(message.get("headers", []))
             extra = _headers(host)
             if all(key.lower() != b"cache-control" for key, _ in given):
@@ -208,14 +208,16 @@ def _with_headers(send: Send, host: str) -> Send:
 
 
 async def _refuse(scope: Scope, send: Send, refusal: Refused) -> None:
-    """As the page expects errors; a WebSocket is not even opened."""
-    kind = "http.response" if scope["type"] == "http" else "websocket.http.response"
+    """As the page expects errors; a WebSocket is not even opened, and no script may read why."""
+    if scope["type"] == "websocket":
+        await send({"type": "websocket.close"})
+        return
     body = json.dumps({"error": {"message": refusal.sentence, "field": None}}).encode()
     headers = [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
     if refusal.status == 413:
         headers.append((b"connection", b"close"))  # the rest of the body is not wanted
-    await send({"type": f"{kind}.start", "status": refusal.status, "headers": headers})
-    await send({"type": f"{kind}.body", "body": body})
+    await send({"type": "http.response.start", "status": refusal.status, "headers": headers})
+    await send({"type": "http.response.body", "body": body})
 
 
 async def _page(send: Send, cookie: str, token: str) -> None:

@@ -637,7 +637,8 @@ def computed(folder: Path) -> Values:
     for section in demo.report.sections:
         (folder / f"demo_{section.pictures[0].name}.md").write_text(section_page(section))
     values = figures.draw(folder) | demo_values(demo) | core_values()
-    values |= {"budget": str(comparisons.BUDGET)}
+    values |= {"budget": str(comparisons.BUDGET), "prices": str(len(comparisons.PRICES))}
+    values |= {"nodes": f"{comparisons.NODE_BUDGET:,}".replace(",", " ")}
     rows, of_family = horizons.family()
     (folder / "family.md").write_text(markdown_table(horizons.HEADS, rows))
     tables, bought, found = comparisons.collect(compared, folder / "compare")

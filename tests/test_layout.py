@@ -57,8 +57,20 @@ ORDER = [
     {"compare", "demo", "study_run", "study_plot"},
     {"study_store"},
     {"study"},
+    {"page"},
     {"cli"},
 ]
+#: The same within the page: what is computed, then the processes that do it, then the server.
+PAGE = [
+    {"limits", "wire", "schema"},
+    {"complaint", "guard", "workers"},
+    {"setups", "presets", "replay", "records"},
+    {"answers", "exports"},
+    {"jobs", "socket"},
+    {"worker"},
+    {"server"},
+]
+WEB = {"starlette", "uvicorn", "websockets"}
 EXTENSIONS = {"_core_float32": "core", "_core_float64": "core", "_response": "response"}
 
 
@@ -82,7 +94,35 @@ def row(module):
 
 
 def test_every_module_has_its_place():
-    assert set().union(*ORDER) == {name for name in MODULES if not name.startswith("_")}
+    assert set().union(*ORDER) == {name for name in MODULES if not name.startswith("_")} | {"page"}
+    assert set().union(*PAGE) == {path.stem for path in SOURCE.glob("page/*.py")} - {"__init__"}
+
+
+def page_imports(module):
+    """What a module of the page imports: of the page, of the package besides, and of other libraries."""
+    nodes = list(ast.walk(ast.parse((SOURCE / "page" / f"{module}.py").read_text())))
+    names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    for node in nodes:
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"page.{module} imports relatively"
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    below = [name.split(".")[1:] for name in names if name.startswith("foreswitch.")]
+    own = {name[1] for name in below if name[0] == "page"}
+    return own, {name[0] for name in below if name[0] != "page"}, {name.split(".")[0] for name in names}
+
+
+@pytest.mark.parametrize("module", sorted(set().union(*PAGE)))
+def test_the_page_imports_in_the_flow_of_data(module):
+    """Only the server and its talk know of the web; the page knows nothing of the command line."""
+    own, siblings, others = page_imports(module)
+    at = next(i for i, modules in enumerate(PAGE) if module in modules)
+    assert own <= set().union(*PAGE[:at])
+    assert "cli" not in siblings
+    assert not others & WEB or module in ("server", "socket")
+
+
+def test_only_the_command_line_knows_the_page():
+    assert [name for name in MODULES if "page" in imported(name)] == ["cli"]
 
 
 @pytest.mark.parametrize("module", [name for name in MODULES if name != "__init__"])
@@ -102,7 +142,7 @@ def test_each_extension_module_has_one_module_that_touches_it(extension):
 
 def test_importing_the_package_needs_no_extra():
     """Optional libraries are imported where they are used."""
-    optional = {"control", "pandas", "pyarrow", "fmpy", "dask", "distributed"}
+    optional = {"control", "pandas", "pyarrow", "fmpy", "dask", "distributed"} | WEB
     for module in MODULES:
         top = ast.parse((SOURCE / f"{module}.py").read_text()).body
         names = {alias.name.split(".")[0] for node in top if isinstance(node, ast.Import) for alias in node.names}

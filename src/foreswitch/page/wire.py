@@ -1,4 +1,4 @@
-"""A reply as bytes: a header in JSON, then arrays of 32-bit floats."""
+"""Bytes between processes: replies, a header in JSON and arrays of 32-bit floats; and jobs in their frames."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from foreswitch._check import Array
 
-__all__ = ["clean", "pack", "unpack"]
+__all__ = ["clean", "frame", "pack", "unpack"]
 
 
 def pack(header: dict[str, Any], arrays: dict[str, Array] | None = None) -> bytes:
@@ -51,3 +51,9 @@ def clean(value: Any) -> Any:
     if isinstance(value, np.generic):
         return clean(value.item())
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def frame(head: dict[str, Any], body: bytes = b"") -> bytes:
+    """Header and body under their lengths, as a worker reads and writes them."""
+    text = json.dumps(head).encode()
+    return b"".join([struct.pack("<II", len(text), len(body)), text, body])

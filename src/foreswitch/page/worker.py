@@ -12,21 +12,17 @@ import os
 import signal
 import struct
 import sys
-from collections.abc import Callable
 from typing import Any, BinaryIO
 
-__all__ = ["MEMORY", "frame", "main"]
+from foreswitch.page.jobs import done
+from foreswitch.page.wire import frame
+
+__all__ = ["MEMORY", "main"]
 
 #: Address space of a process; NumPy and SciPy reserve about 1 GiB of it.
 MEMORY = 4 << 30
 #: Seconds after the server's own limit at which the alarm clock rings.
 GRACE = 5
-
-
-def frame(head: dict[str, Any], body: bytes = b"") -> bytes:
-    """Header and body under their lengths."""
-    text = json.dumps(head).encode()
-    return b"".join([struct.pack("<II", len(text), len(body)), text, body])
 
 
 def _read(source: BinaryIO) -> tuple[dict[str, Any], bytes] | None:
@@ -51,17 +47,13 @@ def main() -> None:
     source = sys.stdin.buffer
     sink = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a stray print must not come between two replies
-    from foreswitch.page import jobs  # after the limit; takes a second
-
     try:
-        _serve(source, sink, jobs.done)
+        _serve(source, sink)
     except BrokenPipeError:
         os._exit(0)  # the server has gone
 
 
-def _serve(
-    source: BinaryIO, sink: BinaryIO, done: Callable[[dict[str, Any], bytes], tuple[dict[str, Any], bytes]]
-) -> None:
+def _serve(source: BinaryIO, sink: BinaryIO) -> None:
     sink.write(frame({"ready": True}))
     sink.flush()
     while (job := _read(source)) is not None:

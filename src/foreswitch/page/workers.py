@@ -11,7 +11,7 @@ import struct
 import sys
 from typing import Any
 
-from foreswitch.page.worker import frame
+from foreswitch.page.wire import frame
 
 __all__ = ["Busy", "Overrun", "Pool"]
 

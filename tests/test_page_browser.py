@@ -81,7 +81,8 @@ def drop(page, files):
 def test_the_first_paint_comes_within_a_second(visit, width):
     """The best of three: others may be at work on this machine."""
     painted = [
-        visit(width).go().evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime") for _ in range(3)
+        visit(width).go().evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime")
+        for _ in range(3)
     ]
     print(f"first paint: {painted} ms")
     assert min(painted) <= 1000.0
@@ -229,7 +230,10 @@ def test_slider_and_number_say_the_same(visit, width):
 
 def test_units_stand_beside_their_fields(visit):
     page = visit().go()
-    units = {name: page.locator(f"[data-path='{name}'] .unit").inner_text() for name in ("plant.k", "actuator.Ts", "reference.height")}
+    units = {
+        name: page.locator(f"[data-path='{name}'] .unit").inner_text()
+        for name in ("plant.k", "actuator.Ts", "reference.height")
+    }
     assert units == {"plant.k": "kPa/s", "actuator.Ts": "s", "reference.height": "kPa"}
 
 
@@ -314,7 +318,9 @@ def test_what_the_model_does_not_know_is_simulated_and_proven(visit):
     before = page.locator("#proof").inner_text()
     one.set("options.gain_error", 0.1)
     one.set("options.delay_error", 0.0005)
-    one.until(f"![{json.dumps(before)}, 'Looking for a proof …'].includes(document.querySelector('#proof').textContent)")
+    one.until(
+        f"![{json.dumps(before)}, 'Looking for a proof …'].includes(document.querySelector('#proof').textContent)"
+    )
     assert page.locator("#figures tbody td").last.inner_text() not in ("8.7 kPa", "…")
 
 
@@ -347,7 +353,11 @@ def test_simple_laws_are_one_click_away(visit, width):
     one = visit(width)
     page = one.go()
     one.tab("Compare")
-    for which, name in (("relay", "relay with hysteresis"), ("pi_pwm", "PI with pulse"), ("smith_pwm", "Smith predictor")):
+    for which, name in (
+        ("relay", "relay with hysteresis"),
+        ("pi_pwm", "PI with pulse"),
+        ("smith_pwm", "Smith predictor"),
+    ):
         page.locator(f"#baseline-{which}").check()
         page.locator(f"#figures tr:has-text('{name}')").wait_for(timeout=60_000)
     assert page.locator("#figures tbody tr").count() == 4
@@ -370,14 +380,23 @@ def test_a_record_becomes_a_model_that_is_used(visit, width, tmp_path):
     page.locator("#structure").select_option("integrator+lag")
     page.get_by_role("button", name="Identify", exact=True).click()
     page.get_by_role("button", name="Use this model").wait_for(timeout=60_000)
-    rows = dict(zip(page.locator("#found tbody th").all_inner_texts(), page.locator("#found tbody td:nth-of-type(1)").all_inner_texts(), strict=False))
+    rows = dict(
+        zip(
+            page.locator("#found tbody th").all_inner_texts(),
+            page.locator("#found tbody td:nth-of-type(1)").all_inner_texts(),
+            strict=False,
+        )
+    )
     assert abs(float(rows["delay"]) - 0.005) < 0.001
     assert page.locator("#record-picture canvas").count() == 3  # measured and fit, command, averaged pulse
     page.reload()
     one.tab("Identify")
     page.get_by_role("button", name="Use this model").click()
     one.settled()
-    assert abs(one.project()["plant"]["input_delay"] - 0.005) < 0.001 or abs(one.project()["plant"]["input_delay"][0] - 0.005) < 0.001
+    assert (
+        abs(one.project()["plant"]["input_delay"] - 0.005) < 0.001
+        or abs(one.project()["plant"]["input_delay"][0] - 0.005) < 0.001
+    )
     assert page.locator("#trouble").is_hidden()
 
 
@@ -426,14 +445,16 @@ def test_a_saved_project_is_loaded_again_with_the_records_it_names(visit):
     one.shows("#summary", "Oven")
     assert one.project()["reference"]["kind"] == "points"
     page.locator("#open").set_input_files(
-        {"name": "project.toml", "mimeType": "text/plain", "buffer": (HERE.parent / "examples" / "attitude" / "project.toml").read_bytes()}
+        {
+            "name": "project.toml",
+            "mimeType": "text/plain",
+            "buffer": (HERE.parent / "examples" / "attitude" / "project.toml").read_bytes(),
+        }
     )
     one.shows("#summary", "Attitude")
 
 
-@pytest.mark.parametrize(
-    ("text", "word"), [("[plant\n", "TOML"), ('[plant]\nmodel = "cow"\n', "model"), ("", "plant")]
-)
+@pytest.mark.parametrize(("text", "word"), [("[plant\n", "TOML"), ('[plant]\nmodel = "cow"\n', "model"), ("", "plant")])
 def test_a_broken_project_gets_a_sentence_and_changes_nothing(visit, text, word):
     one = visit()
     page = one.go()
@@ -500,13 +521,15 @@ def test_nothing_is_lost_when_the_server_starts_again(visit, server):
     again()
     page.locator("#notice").wait_for(state="hidden")
     one.settled()
-    one.until("document.querySelector('#summary').textContent.includes('11.9') || !document.querySelector('#summary').textContent.includes('23.1 kPa')")
-    one.wrong[:] = [each for each in one.wrong if "WebSocket connection" not in each]  # browsers log each attempt
+    one.until(
+        "document.querySelector('#summary').textContent.includes('11.9') || !document.querySelector('#summary').textContent.includes('23.1 kPa')"
+    )
+    one.wrong[:] = [each for each in one.wrong if "ERR_CONNECTION_REFUSED" not in each]  # browsers log each attempt
 
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4), max_leaves=12,
+    lambda inner: st.one_of(st.lists(inner, max_size=4), st.dictionaries(st.text(), inner, max_size=4)), max_leaves=12,
 )  # fmt: skip
 
 
@@ -521,11 +544,14 @@ def bench(chromium, server):
 @settings(max_examples=40)
 @given(project=st.dictionaries(st.text(), JSON, max_size=5))
 def test_any_state_survives_its_link(bench, project):
-    state = {"v": 1, "project": project}
-    found = bench.evaluate(
-        "async state => { const link = await import('/static/link.js'); return link.decode(await link.encode(state)) }", state
+    assert bench.evaluate(
+        """async text => {
+            const link = await import("/static/link.js");
+            const state = JSON.parse(text);
+            return JSON.stringify(await link.decode(await link.encode(state))) === JSON.stringify(state);
+        }""",
+        json.dumps({"v": 1, "project": project}),
     )
-    assert json.loads(json.dumps(found)) == json.loads(json.dumps(state))
 
 
 @settings(max_examples=40)
@@ -541,7 +567,7 @@ def test_sliders_have_a_place_for_every_value_and_back(bench, value, share, sign
         [sign * value, share],
     )
     (decades, decades_back), (_, zero_back), (even, even_back) = found
-    assert 0.33 <= decades + 1e-9
+    assert decades + 1e-9 >= 0.33
     assert decades <= 0.67
     assert abs(decades_back - share) <= 0.002
     assert abs(zero_back**2 - share**2) <= 0.006 * max(share**2, 1e-6)
@@ -568,7 +594,9 @@ def test_axe_finds_no_violation(visit, width, scheme, tmp_path):
             page.get_by_role("button", name="Identify", exact=True).click()
             page.get_by_role("button", name="Use this model").wait_for(timeout=60_000)
         result = Axe().run(page)
-        found[name] = [(each["id"], [node["html"][:120] for node in each["nodes"]]) for each in result.response["violations"]]
+        found[name] = [
+            (each["id"], [node["html"][:120] for node in each["nodes"]]) for each in result.response["violations"]
+        ]
     assert found == dict.fromkeys(TABS, [])
 
 
@@ -584,7 +612,9 @@ def test_lines_stand_out_from_the_paper(visit, scheme):
         return float(linear @ [0.2126, 0.7152, 0.0722])
 
     paper = brightness(colours["paper"])
-    lines = [name for name in colours if name in ("output", "reference", "command", "landing") or name.startswith("other")]
+    lines = [
+        name for name in colours if name in ("output", "reference", "command", "landing") or name.startswith("other")
+    ]
     assert len(lines) == 8
     for name in lines:
         low, high = sorted([paper, brightness(colours[name])])
@@ -614,7 +644,9 @@ def test_all_can_be_reached_by_the_tab_key_and_focus_is_seen(visit):
         )
         seen.append(outline)
     names = [name for name, _ in seen]
-    assert {"presets", "open", "theme", "cursor", "tab-tune", "knob-controller-Td", "knob-controller-Td-slider"} <= set(names)
+    assert {"presets", "open", "theme", "cursor", "tab-tune", "knob-controller-Td", "knob-controller-Td-slider"} <= set(
+        names
+    )
     assert [name for name, shown in seen if not shown] == []
 
 

@@ -107,7 +107,7 @@ class Visit:
         self.context.route("**/*", self._only_here)
         self.page = self.context.new_page()
         self.page.on("console", lambda message: self._said(message))
-        self.page.on("pageerror", lambda error: self.wrong.append(f"error: {error}"))
+        self.page.on("pageerror", lambda error: self.wrong.append(f"exception: {error}"))
 
     def _only_here(self, route):
         if route.request.url.startswith(self.address):
@@ -137,7 +137,7 @@ class Visit:
         end = time.monotonic() + PATIENCE / 1e3
         while not self.page.evaluate(f"Boolean({condition})"):
             assert time.monotonic() < end, f"never: {condition}; {self.wrong}"
-            assert not any(each.startswith("error:") for each in self.wrong), self.wrong
+            assert not any(each.startswith("exception:") for each in self.wrong), self.wrong
             self.page.wait_for_timeout(30)
 
     def shows(self, selector, text):

@@ -21,13 +21,13 @@ export const byId = (id) => document.getElementById(id);
 
 /**
  * A table with a head; the first cell of each row names it.
- * @param {string[]} heads
+ * @param {string[]} heads may be empty
  * @param {(string|Node)[][]} rows
  * @param {string} caption
  * @returns {Node[]} what goes into a table element
  */
 export function tableParts(heads, rows, caption) {
-  const head = make("thead", {}, make("tr", {}, ...heads.map((each) => make("th", { scope: "col" }, each))));
+  const head = make("thead", {}, make("tr", {}, ...heads.map((each) => (each ? make("th", { scope: "col" }, each) : make("td")))));
   const body = make("tbody", {}, ...rows.map(([name, ...cells]) =>
     make("tr", {}, make("th", { scope: "row" }, name), ...cells.map((each) => make("td", {}, each)))));
   return [make("caption", {}, caption), head, body];

@@ -22,7 +22,9 @@ export function knobs(root, changed, describe) {
   let rows = new Map(); // path -> {field, element, update, complaint}
   let folded = new Map(); // group -> open, as the reader left it
 
-  function complainAt(row, message) {
+  /** own: seen here, so that what the server says of other fields does not end it. */
+  function complainAt(row, message, own = false) {
+    row.own = own;
     row.complaint.textContent = message;
     row.complaint.hidden = !message;
     for (const input of row.inputs) {
@@ -33,10 +35,10 @@ export function knobs(root, changed, describe) {
 
   function commit(row, value, done) {
     try {
-      complainAt(row, "");
+      if (row.own) complainAt(row, "");
       changed((state) => row.field.write(state, value), { path: row.field.path, done });
     } catch (error) {
-      complainAt(row, error.message);
+      complainAt(row, error.message, true);
     }
   }
 
@@ -65,7 +67,7 @@ export function knobs(root, changed, describe) {
     slider.addEventListener("change", () => commit(row, Number(entry.value), true));
     const typed = (done) => {
       if (entry.value === "" || !Number.isFinite(entry.valueAsNumber)) {
-        complainAt(row, `${field.label} is empty; give a number`);
+        complainAt(row, `${field.label} is empty; give a number`, true);
         return;
       }
       place(entry.valueAsNumber, false);
@@ -158,7 +160,7 @@ export function knobs(root, changed, describe) {
       }
     },
     complain(error) {
-      for (const row of rows.values()) complainAt(row, "");
+      for (const row of rows.values()) if (!row.own) complainAt(row, "");
       if (!error) return true;
       const parts = (error.field ?? "").split(".");
       while (parts.length) {

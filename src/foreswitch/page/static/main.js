@@ -12,6 +12,7 @@ import { identifyPanel } from "./identify.js";
 import { knobs } from "./knobs.js";
 import { picture } from "./picture.js";
 import { request } from "./post.js";
+import { lacking } from "./sizes.js";
 import { tabs } from "./tabs.js";
 import { themeSwitch } from "./themeswitch.js";
 import { HEADS, figures, sentence, summary, verdict } from "./words.js";
@@ -211,6 +212,11 @@ function become(next, { what = "", begun, dragged = false, afresh = false } = {}
 }
 
 function loaded(project, what) {
+  const table = lacking(project);
+  if (table) {
+    notice("file", `The file has no table [${table}]; add it.`);
+    return;
+  }
   notice("file", "");
   notice("link", "");
   become({ ...fresh(project), view: { ...state.view, step: null } }, { what, afresh: true });
@@ -301,7 +307,7 @@ document.addEventListener("pointerover", tell);
 // Beginning ------------------------------------------------------------------------------------------------------------
 
 const links = address((next) => {
-  if (!next) {
+  if (!next || lacking(next.project)) {
     notice("link", "This link is damaged; the settings before it are kept.");
     links.note(state, "");
     return;
@@ -320,6 +326,7 @@ const server = wire(({ open, wait }) => {
 });
 
 const linked = await links.read();
-if (linked === null) notice("link", `This link is damaged; here is ${start.presets[0]?.title ?? "an example"} instead.`);
-become(whole(linked ?? state), { afresh: true });
+const sound = linked && !lacking(linked.project);
+if (linked !== undefined && !sound) notice("link", "This link is damaged; here is what the server began with instead.");
+become(sound ? whole(linked) : state, { afresh: true });
 identifying.restore();

@@ -57,3 +57,13 @@ export function sizes(project) {
     outputs: names(plant.output_names, outputs, "output"),
   };
 }
+
+/**
+ * The first table that a project lacks.
+ * @param {object} project
+ * @returns {string|undefined}
+ */
+export function lacking(project) {
+  const there = (table) => typeof table === "object" && table !== null;
+  return ["plant", "actuator", "controller", "reference", "simulation"].find((name) => !there(project?.[name]));
+}

@@ -1,4 +1,4 @@
-// Colours of lines, as the style sheet has them for light, dark and print.
+// Colours of lines and the font of axes, as the style sheet has them for light, dark and print.
 
 const NAMES = ["ink", "soft", "grid", "paper", "output", "reference", "band", "command", "landing", "other-1", "other-2", "other-3", "other-4"];
 /** Beside its colour, each overlay has its own dashes, for readers who see no colours [px]. */
@@ -14,6 +14,11 @@ export function colours() {
   }));
   probe.remove();
   return found;
+}
+
+/** @returns {string} of the figures at the axes, as large as the small print of the page */
+export function axisFont() {
+  return `${Math.round(0.8 * parseFloat(getComputedStyle(document.documentElement).fontSize))}px system-ui, sans-serif`;
 }
 
 /**

@@ -101,6 +101,8 @@ const signed = (least) => (value) => {
 };
 const count = (high) => (value) => even(1, Math.max(high, value || 1), 1);
 
+const power = (n) => (n === 0 ? "constant" : n === 1 ? "s" : `s${[...String(n)].map((digit) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[digit]).join("")}`);
+
 function plantFields(project, names) {
   const { plant } = project;
   const y = unitOf(names.outputs[0]);
@@ -114,8 +116,8 @@ function plantFields(project, names) {
     integrator_lag: [number("plant.k", "Slope at full input", positive, { unit: perSecond }), number("plant.c", "Lag", positive, { unit: "s" })],
     fopdt: [number("plant.K", "Gain", positive, { unit: y }), number("plant.T", "Time constant", positive, { unit: "s" })],
     transfer_function: [
-      ...(plant.num ?? []).map((_, i) => number(`plant.num.${i}`, `Numerator, s^${plant.num.length - 1 - i}`, positive)),
-      ...(plant.den ?? []).map((_, i) => number(`plant.den.${i}`, `Denominator, s^${plant.den.length - 1 - i}`, positive)),
+      ...(plant.num ?? []).map((_, i) => number(`plant.num.${i}`, `Numerator, ${power(plant.num.length - 1 - i)}`, positive)),
+      ...(plant.den ?? []).map((_, i) => number(`plant.den.${i}`, `Denominator, ${power(plant.den.length - 1 - i)}`, positive)),
     ],
     state_space: [numbers("plant.A", "State matrix A", { unit: "1/s" }), numbers("plant.B", "Input matrix B")],
   };

@@ -29,6 +29,8 @@ const fresh = (project) => ({ v: 1, project, options: {}, view: { pins: [], base
 let state = fresh(start.project);
 let run = null; // the last run that could be made
 let proof; // of the present settings; undefined: not there yet
+let good = { key: "", settings: null, proof: undefined }; // of that run
+let refused = ""; // settings of which no run can be made
 let rests = []; // timers of the slow questions
 let dragging = false;
 const beside = new Map(); // lane -> {key, run, proof, error}: pinned runs and baselines
@@ -70,10 +72,12 @@ function look(begun) {
   const mine = asked(state);
   server.ask("look", "", mine, (reply) => {
     if (reply.error) {
-      if (key(mine) === key(state)) trouble(reply.error);
+      if (key(mine) === key(state)) refuse(reply.error);
       return;
     }
     trouble(null);
+    refused = "";
+    if (good.key !== key(mine)) good = { key: key(mine), settings: mine, proof: undefined };
     run = reply;
     drawing.show(run, state.view.step, dragging);
     byId("summary").textContent = summary(run);
@@ -82,6 +86,15 @@ function look(begun) {
     if (!dragging) speak(summary(run));
     think();
   });
+}
+
+/** What is seen stays that of the last settings that worked, its proof with it. */
+function refuse(error) {
+  refused = key(state);
+  for (const timer of rests) clearTimeout(timer);
+  trouble(error);
+  proved(good.proof);
+  if (run && !good.proof) prove(good.settings);
 }
 
 /** Notes the time from an event to the picture it led to, once that is painted. */
@@ -106,21 +119,22 @@ function think() {
   });
 }
 
-function prove() {
-  const mine = asked(state);
+function prove(mine = asked(state)) {
   server.ask("certify", "", mine, (reply) => {
-    if (key(mine) !== key(state)) return;
-    if (reply.error) {
-      proof = { holds: false, reasons: [reply.error.message] };
-      drawing.band(null);
-    } else {
-      proof = reply;
-      drawing.band(reply.holds && reply.low ? { ...reply, fresh: true } : null);
-    }
-    if (run) byId("proof").textContent = verdict(proof, run.outputs);
-    legend();
-    table();
+    if (key(mine) === refused) return;
+    const found = reply.error ? { holds: false, reasons: [reply.error.message] } : reply;
+    const seen = key(mine) === good.key;
+    if (seen) good.proof = found;
+    if (key(mine) === key(state) || (seen && key(state) === refused)) proved(found);
   });
+}
+
+function proved(found) {
+  proof = found;
+  drawing.band(found?.holds && found.low ? { ...found, fresh: true } : null);
+  byId("proof").textContent = run && found ? verdict(found, run.outputs) : "";
+  legend();
+  table();
 }
 
 /** Pinned runs and baselines that are shown but not there yet. */
@@ -207,7 +221,7 @@ function become(next, { what = "", begun, dragged = false, afresh = false } = {}
     return;
   }
   for (const timer of rests) clearTimeout(timer);
-  rests = [setTimeout(prove, REST.proof), setTimeout(others, REST.search)];
+  rests = [setTimeout(() => prove(), REST.proof), setTimeout(others, REST.search)];
   legend();
 }
 

@@ -1,13 +1,12 @@
 // The run: a chart for each output over its reference and certified band, and one with the commands as stairs.
 
 import { byId, make } from "./dom.js";
-import { DASHES, colours, otherColour } from "./colours.js";
+import { DASHES, axisFont, colours, otherColour } from "./colours.js";
 import { show } from "./scale.js";
 import { area, curve, inside } from "./strokes.js";
 
 const AXIS = 62; // width of the axes at the left [px]: that of "-1000000"
 const LANE = 1.6; // distance of one input's stairs from the next, in their height
-const FONT = "12px system-ui, sans-serif";
 
 const ratio = () => devicePixelRatio || 1;
 
@@ -155,7 +154,7 @@ export function picture(moved) {
       .sort((a, b) => a.at - b.at);
   }
 
-  const axis = (more) => ({ stroke: palette.soft, grid: { stroke: palette.grid, width: 1 }, ticks: { stroke: palette.grid, width: 1, size: 4 }, font: FONT, ...more });
+  const axis = (more) => ({ stroke: palette.soft, grid: { stroke: palette.grid, width: 1 }, ticks: { stroke: palette.grid, width: 1, size: 4 }, font: axisFont(), ...more });
 
   function options(series, yAxis, scale, last, hooks) {
     return {

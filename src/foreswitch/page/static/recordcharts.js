@@ -1,11 +1,9 @@
 // A record with the fit over it, and the averaged response to its pulses.
 
 import { make } from "./dom.js";
-import { colours } from "./colours.js";
+import { axisFont, colours } from "./colours.js";
 import { show } from "./scale.js";
 import { area, inside } from "./strokes.js";
-
-const FONT = "12px system-ui, sans-serif";
 
 /**
  * @param {HTMLElement} root
@@ -18,7 +16,7 @@ export function recordCharts(root) {
   function build() {
     for (const { chart } of charts) chart.destroy();
     const palette = colours();
-    const axis = { stroke: palette.soft, grid: { stroke: palette.grid, width: 1 }, ticks: { stroke: palette.grid, width: 1, size: 4 }, font: FONT, values: (chart, splits) => splits.map((each) => show(each, 6)) };
+    const axis = { stroke: palette.soft, grid: { stroke: palette.grid, width: 1 }, ticks: { stroke: palette.grid, width: 1, size: 4 }, font: axisFont(), values: (chart, splits) => splits.map((each) => show(each, 6)) };
     const boxes = [];
     charts = parts.map((part) => {
       const box = make("div", { className: "chart" });

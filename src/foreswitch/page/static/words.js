@@ -24,7 +24,7 @@ export function summary(run) {
     const shift = lag > 0 ? `${time(lag)} behind` : `${time(-lag)} ahead`;
     return `${follows}, ${shift}; with that taken out, ${withUnit(metrics.rms_error_at_lag[q], name)} remain`;
   });
-  const inputs = run.inputs.map((name, j) => `${bare(name)} switches ${metrics.switches[j]} times`);
+  const inputs = run.inputs.map((name, j) => `${bare(name)}: ${metrics.switches[j]} switches`);
   const odd = run.status.reduce((count, status) => count + (status !== 0), 0);
   const unsound = odd ? [`In ${odd} periods the command did not rest on a sound measurement; move the cursor there to read why`] : [];
   const more = [...unsound, ...(run.warnings ?? [])].map((each) => sentence(capital(each)));

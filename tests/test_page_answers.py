@@ -6,13 +6,14 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 import rig_oracle
 from foreswitch.loop import sampled
 from foreswitch.page import jobs, presets
 from foreswitch.page.limits import LIMITS
+from foreswitch.page.schema import TABLES
 from foreswitch.page.wire import clean, pack, unpack
 from foreswitch.project import Project
 from foreswitch.reference import sample
@@ -405,3 +406,41 @@ def test_a_reply_is_read_as_it_was_written(header, arrays):
     for name, values in arrays.items():
         with np.errstate(over="ignore"):
             np.testing.assert_array_equal(read[name], values.astype(np.float32))
+
+
+# Anything else --------------------------------------------------------------------------------------------------------
+
+EXTREME = [10**30, -(10**30), 10**400, 1e308, -1e308, 5e-324, 1e-9, 1e9]
+WORDS = ["lag", "rest", "hold", "horizon", "riccati", "\ud800", "[x]", "points"]
+LEAVES = st.one_of(
+    st.none(), st.booleans(), st.integers(-3, 3), st.floats(), st.text(max_size=3), st.sampled_from(EXTREME + WORDS)
+)
+JUNK = st.recursive(
+    LEAVES,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.sampled_from(["kind", "k", "A"]), inner),
+    max_leaves=12,
+)
+PLACES = sorted({f"{table}.{key}" for table in ("plant", "actuator", "controller", "estimator", "reference", "simulation",
+                 "simulation.plant", "simulation.hardware", "simulation.disturbance") for key in TABLES[table].model_fields}
+                | {"plant", "reference", "simulation", "simulation.hardware"})  # fmt: skip
+SHORT = [changed(project, ("simulation.duration", 0.05)) for project in (HOT, HORIZON, FILTER, CHAMBER, INVERTER)]
+
+
+@settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.filter_too_much])
+@given(st.sampled_from(SHORT), st.lists(st.tuples(st.sampled_from(PLACES), JUNK), min_size=1, max_size=3),
+       st.sampled_from(["look", "costs", "certify"]))  # fmt: skip
+def test_anything_in_any_place_is_drawn_or_told(capfd, project, changes, kind):
+    """Never a defect of ours, never a sentence without a remedy, and JSON that a browser reads."""
+    for change in changes:
+        try:
+            project = changed(project, change)
+        except (TypeError, AttributeError, ValueError, IndexError):
+            assume(False)  # no table there any more
+    fields, arrays = ask(kind, project, step=3, options={"delay_error": 1e-4})
+    if "error" in fields:
+        error = fields["error"]
+        assert "defect" not in error["message"], capfd.readouterr()
+        assert ";" in error["message"], error
+        assert len(error["message"]) <= LIMITS["sentence"] + 5
+        assert not arrays
+    assert capfd.readouterr() == ("", "")

@@ -189,15 +189,44 @@ def test_nothing_is_unfolded(page):
     """A compressed message could be a thousand times as long as what is sent."""
     with page.talk(compression="deflate") as talk:
         assert "sec-websocket-extensions" not in talk.response.headers
-    with socket.create_connection(("127.0.0.1", page.port)) as raw:  # deflated all the same: the reserved bit is set
-        raw.settimeout(PATIENCE)
-        key = "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA=="
-        raw.sendall(
-            page.head("GET", "/ws", "Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13", key)
-        )
-        assert b" 101 " in raw.recv(4096)
-        raw.sendall(b"\xc1\x80\0\0\0\0")
+
+
+def raw_talk(page):
+    """A WebSocket without a library, for frames that none would send."""
+    raw = socket.create_connection(("127.0.0.1", page.port))
+    raw.settimeout(PATIENCE)
+    key = "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA=="
+    raw.sendall(page.head("GET", "/ws", "Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13", key))
+    assert b" 101 " in raw.recv(4096)
+    return raw
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [b"\x81\x82\0\0\0\0\xff\xfe", b"\xc1\x80\0\0\0\0", b"\x81\x01x", b"\x83\x80\0\0\0\0", b"\x89\xfe\x01\0" + bytes(300),
+     b"\x80\x80\0\0\0\0", b"\x81\xff" + b"\x7f" * 8],
+    ids=["no UTF-8", "compressed", "unmasked", "unknown kind", "long ping", "rest of nothing", "endless"],
+)  # fmt: skip
+def test_a_frame_that_breaks_the_rules_ends_the_talk(page, frames):
+    with raw_talk(page) as raw:
+        raw.sendall(frames)
         assert raw.recv(4096)[:1] == b"\x88"
+
+
+@pytest.mark.parametrize("frame", [b"\x89\x84\0\0\0\0ping", b"\x00\x80\0\0\0\0"], ids=["pings", "empty fragments"])
+def test_frames_without_end_do_not_fill_the_memory(page, frame):
+    """Nobody reads the pongs; fragments of no length are never too long."""
+    before = page.memory()[0]
+    with raw_talk(page) as raw:
+        raw.settimeout(2.0)
+        raw.sendall(b"\x01\x80\0\0\0\0")
+        block = frame * 10_000
+        with contextlib.suppress(OSError):
+            for _ in range(400):  # four million
+                raw.sendall(block)
+        assert page.memory()[0] < before + (64 << 20)
+    with page.talk() as talk:
+        assert ask(talk, "look", HOT)[1]["t"].size == 601
 
 
 # The talk -------------------------------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import logging
 import mimetypes
 import os
 import secrets
@@ -235,16 +236,22 @@ def run(
     hosts = {f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]")} if local else {f"{named}:{port}".lower()}
     link = f"http://{named}:{port}/" + (f"?token={token}" if token else "")
     config = uvicorn.Config(
-        application(project, hosts=hosts, port=port, token=token), log_level="warning", access_log=False,
+        application(project, hosts=hosts, port=port, token=token), log_level="error", access_log=False,
         server_header=False, date_header=False, proxy_headers=False, lifespan="on", ws="websockets-sansio", http="h11",
         ws_max_size=LIMITS["message"], ws_per_message_deflate=False,  # nothing small unfolds into something large
         limit_concurrency=4 * LIMITS["clients"], timeout_graceful_shutdown=2,
     )  # fmt: skip
+    logging.getLogger("uvicorn.error").addFilter(_ours)
     print(f"{link}  (Ctrl-C ends it)", flush=True)
     if opened:
         threading.Timer(0.5, webbrowser.open, [link]).start()
     with contextlib.suppress(KeyboardInterrupt), listener:
         uvicorn.Server(config).run(sockets=[listener])
+
+
+def _ours(record: logging.LogRecord) -> bool:
+    """Whether the terminal is to know: what a client sends wrong is no concern of whoever sits there."""
+    return not record.getMessage().startswith("Invalid UTF-8")
 
 
 def _listen(host: str, port: int) -> sockets.socket:

@@ -1,6 +1,7 @@
 // From a record of the real plant to a model: drop a CSV file, choose columns, look, use.
 
 import { byId, make, tableParts } from "./dom.js";
+import { readColumns } from "./columns.js";
 import { swatch } from "./compare.js";
 import { request } from "./post.js";
 import { unpack } from "./wire.js";
@@ -92,7 +93,11 @@ export function identifyPanel({ use, speak }) {
     button.textContent = "Identifying …";
     const asked = record;
     try {
-      const query = new URLSearchParams(Object.entries(asked.picked).flatMap(([key, value]) => [value].flat().map((each) => [key, each])));
+      const { structure, ...picked } = asked.picked;
+      const query = new URLSearchParams({ structure }); // columns by number, so that their names may be anything
+      for (const [key, names] of Object.entries(picked)) {
+        for (const name of [names].flat()) query.append(key, asked.columns.columns.indexOf(name) + 1);
+      }
       const reply = unpack(await (await request(`/identify?${query}`, new Blob([asked.text]))).arrayBuffer());
       if (asked === record) {
         record.reply = reply;
@@ -110,7 +115,8 @@ export function identifyPanel({ use, speak }) {
 
   function drawRecord() {
     const { reply, columns, picked } = record;
-    const seen = (names) => [names].flat().map((name) => columns.preview?.[name] ?? []);
+    const table = reply ? [] : readColumns(record.text, columns.rows);
+    const seen = (names) => [names].flat().map((name) => table[columns.columns.indexOf(name)]);
     const { t, u, y } = reply ?? { t: seen(picked.time)[0], u: seen(picked.input), y: seen(picked.output) };
     const outputs = [picked.output].flat();
     const line = (values, colour, width = 1.2) => ({ values, colour, width });

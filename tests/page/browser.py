@@ -24,9 +24,12 @@ PATIENCE = 20_000
 
 def require():
     """A skip where the browser is lacking, or where it is required a failure."""
-    lacking = [name for name, found in (
-        ("chromium", CHROMIUM), ("playwright", find_spec("playwright")), ("axe-playwright-python", find_spec("axe_playwright_python")),
-    ) if not found]  # fmt: skip
+    tools = {
+        "chromium": CHROMIUM,
+        "playwright": find_spec("playwright"),
+        "axe-playwright-python": find_spec("axe_playwright_python"),
+    }
+    lacking = [name for name, found in tools.items() if not found]
     if lacking:
         text = f"{ABSENT}: the tuning page lacks {', '.join(lacking)}"
         if os.environ.get("FORESWITCH_REQUIRE_TARGETS"):
@@ -128,9 +131,8 @@ class Visit:
 
     def settled(self):
         """Waits until run, proof and costs are there."""
-        self.until(
-            "/^(Proven|Not proven)/.test(document.querySelector('#proof').textContent) && document.querySelector('#costs td') !== null"
-        )
+        self.until("/^(Proven|Not proven)/.test(document.querySelector('#proof').textContent)")
+        self.until("document.querySelector('#costs td') !== null")
 
     def until(self, condition):
         """Waits until an expression holds; Playwright's own way needs a policy that lets strings be run."""
@@ -157,18 +159,24 @@ class Visit:
     def set(self, path, value):
         """Types into a field, as its reader does."""
         field = self.page.locator(f"#knob-{path.replace('.', '-')}")
-        field.evaluate("each => { for (let up = each; up; up = up.parentElement) if (up.tagName === 'DETAILS') up.open = true }")
+        field.evaluate(
+            "each => { for (let up = each; up; up = up.parentElement) if (up.tagName === 'DETAILS') up.open = true }"
+        )
         field.fill(str(value))
         field.blur()
 
     def picture(self):
         """What the canvases show, as a number of its own for each picture."""
-        return self.page.evaluate("[...document.querySelectorAll('#charts canvas')].map(each => each.toDataURL()).join()")
+        return self.page.evaluate(
+            "[...document.querySelectorAll('#charts canvas')].map(each => each.toDataURL()).join()"
+        )
 
     def project(self):
         """The tables that the page has now, from its address."""
         self.page.wait_for_timeout(300)  # addresses are written with a pause
-        return self.page.evaluate("import('/static/link.js').then(link => link.decode(location.hash.slice(1)))")["project"]
+        return self.page.evaluate("import('/static/link.js').then(link => link.decode(location.hash.slice(1)))")[
+            "project"
+        ]
 
     def close(self):
         """Ends the visit; nothing may have gone wrong."""

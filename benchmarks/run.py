@@ -12,7 +12,7 @@ import time
 from importlib import import_module
 
 TIMES = ("closed_loop", "python_step", "denormals", "batch", "horizon", "study", "page_load")
-COUNTS = ("counts", "targets_counts", "certificate")
+COUNTS = ("counts", "targets_counts", "certificate", "page_counts")
 #: Those that take a share of their work, and all of it with `--full`.
 SHORTENED = ("study", "certificate")
 #: Seconds to wait before each try of a benchmark: the neighbour may have finished by then.

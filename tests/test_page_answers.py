@@ -143,6 +143,7 @@ BROKEN = [
     (HOT, "simulation", GONE, "simulation"),
     (HOT, "simulation.duration", GONE, "simulation.duration"),
     (HOT, "simulation.duration", 0.0, "simulation.duration"),
+    (HOT, "simulation.duration", 5e-324, "simulation.duration"),
     (HOT, "simulation.duration", 1e9, "simulation.duration"),
     (HOT, "simulation.duration", math.inf, "simulation.duration"),
     (HOT, "simulation.x0", [1.0], "simulation.x0"),

@@ -125,7 +125,7 @@ def closure(names):
         found.add(name)
         for line in requires(name) or []:
             requirement, _, marker = line.partition(";")
-            if "extra" in marker or ("sys_platform" in marker and "win32" in marker) or "platform_python" in marker:
+            if "extra" in marker or "win32" in marker or "Windows" in marker or "platform_python" in marker:
                 continue
             older = re.search(r"""python(?:_full)?_version *< *["']3\.(\d+)""", marker)
             if older and sys.version_info[1] >= int(older[1]):

@@ -79,7 +79,7 @@ def sentence(error: Exception, request: Any = None) -> dict[str, Any]:
         return {"message": f"the request cannot be read ({error}); send JSON", "field": None}
     if isinstance(error, (ValueError, ArithmeticError)):
         text, field = str(error), None
-        if not _ours(error):  # NumPy's or SciPy's, about numbers that nothing can be computed with
+        if not _ours(error) or ";" not in text:  # NumPy's or SciPy's, about numbers that nothing can be computed with
             text = f"the numbers are too extreme to compute with ({short(text)}); choose others"
         tables = request.get("project") if isinstance(request, dict) else None
         if isinstance(tables, dict):

@@ -187,6 +187,8 @@ def _bound_run(project: Project) -> None:
     """Before it is run: every loop of the simulation has an end that does not depend on the numbers' size."""
     law, table, most = project.controller, project.file.simulation, LIMITS["steps"]
     steps = _periods("duration", table.duration, law.Ts, most, "simulation.duration", "shorten it, or lengthen Ts")
+    if _check.periods(table.duration, law.Ts) < 1:
+        raise Complaint(f"duration is {table.duration:g} s, less than a period; lengthen it", "simulation.duration")
     truth = project.truth
     if isinstance(truth, Plant):
         delay, place = float(truth.input_delay.max()), "simulation.plant" if table.plant else "plant"

@@ -236,9 +236,16 @@ def _lag(t: Array, y: Array, r: Array) -> tuple[float, float]:
     Ts, reach = t[1] - t[0], 0.25 * (t[-1] - t[0])
     grid = np.union1d(np.arange(-60, 61) * Ts, np.linspace(-reach, reach, 101))
     grid = grid[np.abs(grid) <= reach]
-    values = [rms(lag) for lag in grid]
-    i = int(np.argmin(values))
+    # which of them is best needs no masks: the instants that count lie in a row
+    first = np.searchsorted(t, t[0] + grid - 1e-12)
+    behind = np.searchsorted(t, t[-1] + grid + 1e-12, side="right")
+    squares = []
+    for lag, a, b in zip(grid.tolist(), first.tolist(), behind.tolist(), strict=True):
+        error = y[a:b] - np.interp(t[a:b] - lag, t, r)
+        squares.append(error @ error / (b - a))
+    i = int(np.argmin(squares))
+    least = rms(grid[i])
     low, high = grid[max(i - 1, 0)], grid[min(i + 1, grid.size - 1)]
     fine = minimize_scalar(rms, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * Ts})
-    best, value = (float(fine.x), float(fine.fun)) if fine.fun < values[i] else (float(grid[i]), values[i])
+    best, value = (float(fine.x), float(fine.fun)) if fine.fun < least else (float(grid[i]), least)
     return (best, value) if value < none else (0.0, none)

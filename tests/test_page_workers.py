@@ -18,9 +18,9 @@ from test_page_answers import HOT, INVERTER
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
 
-LOOK = {"kind": "look", "id": 1}, json.dumps({"project": HOT}).encode()
+LOOK = {"kind": "look", "id": 1}, json.dumps({"project": HOT}).encode(), 100.0
 #: Takes seconds.
-LONG = {"kind": "certify", "id": 1}, json.dumps({"project": INVERTER}).encode()
+LONG = {"kind": "certify", "id": 1}, json.dumps({"project": INVERTER}).encode(), 100.0
 
 
 def pids(pool):
@@ -35,7 +35,7 @@ def with_pool(scenario, **options):
         pool.start()
         seen = set()
         try:
-            _, body = await pool.run(*LOOK, 100.0)
+            _, body = await pool.run(lambda: LOOK)
             assert unpack(body)[1]["t"].size == 601
             await scenario(pool, seen)
         finally:
@@ -53,10 +53,10 @@ def test_a_job_that_takes_too_long_is_ended_with_its_process():
         seen |= (first := pids(pool))
         begun = time.monotonic()
         with pytest.raises(Overrun):
-            await pool.run(*LONG, 0.3)
+            await pool.run(lambda: (*LONG[:2], 0.3))
         assert time.monotonic() - begun < 3.0
         assert not any(map(alive, first))
-        _, body = await pool.run(*LOOK, 100.0)  # by the one that took its place
+        _, body = await pool.run(lambda: LOOK)  # by the one that took its place
         assert unpack(body)[1]["t"].size == 601
         assert pids(pool).isdisjoint(first)
 
@@ -66,13 +66,13 @@ def test_a_job_that_takes_too_long_is_ended_with_its_process():
 def test_a_job_nobody_waits_for_is_ended_too():
     async def scenario(pool, seen):
         seen |= (first := pids(pool))
-        job = asyncio.create_task(pool.run(*LONG, 100.0))
+        job = asyncio.create_task(pool.run(lambda: LONG))
         await asyncio.sleep(0.2)
         job.cancel()
         with pytest.raises(asyncio.CancelledError):
             await job
         assert not any(map(alive, first))
-        assert unpack((await pool.run(*LOOK, 100.0))[1])[1]["t"].size == 601
+        assert unpack((await pool.run(lambda: LOOK))[1])[1]["t"].size == 601
 
     with_pool(scenario)
 
@@ -80,19 +80,19 @@ def test_a_job_nobody_waits_for_is_ended_too():
 def test_a_process_that_dies_is_replaced():
     async def scenario(pool, seen):
         [pid] = pids(pool)
-        job = asyncio.create_task(pool.run(*LONG, 100.0))
+        job = asyncio.create_task(pool.run(lambda: LONG))
         await asyncio.sleep(0.2)
         os.kill(pid, 9)
         with pytest.raises(Overrun):
             await job
-        assert unpack((await pool.run(*LOOK, 100.0))[1])[1]["t"].size == 601
+        assert unpack((await pool.run(lambda: LOOK))[1])[1]["t"].size == 601
 
     with_pool(scenario)
 
 
 def test_no_more_jobs_wait_than_agreed():
     async def scenario(pool, seen):
-        jobs = [asyncio.create_task(pool.run(*LOOK, 100.0)) for _ in range(8)]
+        jobs = [asyncio.create_task(pool.run(lambda: LOOK)) for _ in range(8)]
         found = await asyncio.gather(*jobs, return_exceptions=True)
         assert sum(isinstance(each, Busy) for each in found) == 8 - 3
         assert sum(isinstance(each, tuple) for each in found) == 3

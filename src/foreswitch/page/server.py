@@ -118,7 +118,7 @@ def _uploads(pools: dict[str, Pool]) -> list[Route]:
         under_way += 1
         try:
             body = await asyncio.wait_for(request.body(), SLOWEST_UPLOAD)
-            found = await _unless_gone(request, run_job(pools["slow"], head, body))
+            found = await _unless_gone(request, run_job(pools["slow"], lambda: (head, body)))
         except ClientDisconnect:
             return Response()  # nobody is there to read it
         except TimeoutError:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from foreswitch.page.limits import LONGEST_JOB
 from foreswitch.page.wire import pack
-from foreswitch.page.workers import Busy, Overrun, Pool
+from foreswitch.page.workers import Busy, Job, Overrun, Pool
 
 __all__ = ["KINDS", "Talk", "run_job"]
 
@@ -19,18 +21,25 @@ __all__ = ["KINDS", "Talk", "run_job"]
 KINDS = {"look": "fast", "costs": "fast", "certify": "slow", "baseline": "slow"}
 
 
-async def run_job(pool: Pool, head: dict[str, Any], body: bytes) -> tuple[dict[str, Any], bytes]:
-    """A job's reply, or the sentence that says why there is none."""
-    limit = LONGEST_JOB[head["kind"]]
+async def run_job(pool: Pool, choose: Callable[[], tuple[dict[str, Any], bytes]]) -> tuple[dict[str, Any], bytes]:
+    """A job's reply, or the sentence that says why there is none; what is done is chosen when a process is free."""
+    chosen: list[tuple[dict[str, Any], bytes]] = []
+
+    def job() -> Job:
+        chosen.append(choose())
+        head, body = chosen[0]
+        return head, body, LONGEST_JOB[head["kind"]]
+
     try:
-        return await pool.run(head, body, limit)
+        return await pool.run(job)
     except Busy:
         sentence = "the page has too much to do at present; try again in a moment"
     except Overrun:
         sentence = (
-            f"this takes longer than {limit:g} s, or more memory than there is; make the run or the search shorter"
+            "this takes longer than {limit:g} s, or more memory than there is; make the run or the search shorter"
         )
-    complaint = {"message": sentence, "field": None}
+    head, _ = chosen[0] if chosen else choose()
+    complaint = {"message": sentence.format(limit=LONGEST_JOB[head["kind"]]), "field": None}
     if head["kind"] in KINDS:
         return {"status": 422}, pack({"id": head["id"], "kind": head["kind"], "error": complaint})
     return {"status": 422, "type": "application/json"}, json.dumps({"error": complaint}).encode()
@@ -81,8 +90,8 @@ class Talk:
             await self.socket.send_bytes(pack({"id": None, "kind": None, "error": complaint}))
             return
         lane = KINDS[kind]
-        older = self.waiting[lane].pop((kind, key), None)
-        self.waiting[lane][kind, key] = (name, text.encode())
+        older = self.waiting[lane].get((kind, key))
+        self.waiting[lane][kind, key] = (name, text.encode())  # in the older one's place
         self.news[lane].set()
         if older is not None:
             await self.socket.send_bytes(pack({"id": older[0], "kind": kind, "stale": True}))
@@ -95,13 +104,18 @@ class Talk:
             if not waiting:
                 self.news[lane].clear()
                 continue
-            kind, key = next(iter(waiting))
-            name, body = waiting.pop((kind, key))
-            job = run_job(pool, {"kind": kind, "id": name}, body)
+            job = run_job(pool, partial(_oldest, waiting))
             # what takes milliseconds is not broken off with its process because a page was left
             _, reply = await (asyncio.shield(job) if lane == "fast" else job)
             with contextlib.suppress(WebSocketDisconnect, RuntimeError):
                 await self.socket.send_bytes(reply)
+
+
+def _oldest(waiting: dict[tuple[str, str], tuple[Any, bytes]]) -> tuple[dict[str, Any], bytes]:
+    """Taken out: what has waited longest, in its newest form."""
+    kind, key = next(iter(waiting))
+    name, body = waiting.pop((kind, key))
+    return {"kind": kind, "id": name}, body
 
 
 def _address(request: Any) -> tuple[Any, str, str]:

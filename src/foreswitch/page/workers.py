@@ -9,11 +9,15 @@ import os
 import signal
 import struct
 import sys
+from collections.abc import Callable
 from typing import Any
 
 from foreswitch.page.wire import frame
 
-__all__ = ["Busy", "Overrun", "Pool"]
+__all__ = ["Busy", "Job", "Overrun", "Pool"]
+
+#: What to do, with what, and the seconds that it may take once begun.
+Job = tuple[dict[str, Any], bytes, float]
 
 #: Seconds that a new process may take to load.
 LOADING = 120.0
@@ -77,7 +81,7 @@ class Pool:
         Jobs that may wait; more are refused.
     """
 
-    def __init__(self, size: int, longest_queue: int = 64) -> None:
+    def __init__(self, size: int, longest_queue: int = 128) -> None:
         self.size, self.longest_queue, self.waiting = size, longest_queue, 0
         self._idle: asyncio.Queue[_Worker] = asyncio.Queue()
         self._all: set[_Worker] = set()
@@ -104,17 +108,13 @@ class Pool:
         self._all.add(worker)
         self._idle.put_nowait(worker)
 
-    async def run(self, head: dict[str, Any], body: bytes, limit: float) -> tuple[dict[str, Any], bytes]:
+    async def run(self, choose: Callable[[], Job]) -> tuple[dict[str, Any], bytes]:
         """One job's reply.
 
         Parameters
         ----------
-        head : dict
-            What to do.
-        body : bytes
-            With what.
-        limit : float
-            Seconds that it may take once begun.
+        choose : callable
+            Called when a process is free: the job, by then perhaps another than when the waiting began.
 
         Returns
         -------
@@ -139,6 +139,7 @@ class Pool:
             self.waiting -= 1
         done = False
         try:
+            head, body, limit = choose()
             reply = await asyncio.wait_for(worker.ask(head | {"limit": limit}, body), limit)
             done = True
         except (TimeoutError, asyncio.IncompleteReadError, ConnectionError) as error:

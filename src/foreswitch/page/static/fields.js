@@ -183,7 +183,7 @@ function controllerFields(project, names) {
     ...weight(state),
     tail,
     ...(endpoint ? [] : [choice("controller.terminal", "Price of the end", [["none", "none"], ["riccati", "of ending away from rest"]], "none"),
-      number("controller.node_budget", "Sequences tried at most", positive, { whole: true })]),
+      number("controller.node_budget", "Sequences tried at most", (value) => decades(value || 1000), { whole: true })]),
     previewField(endpoint),
     ...(typeof controller.preview === "number" ? [number("controller.preview", "Seconds ahead", upTo(20 * Ts), { unit: "s" })] : []),
     choice("controller.real", "Arithmetic", [["float64", "double precision"], ["float32", "single precision"]], "float64"),

@@ -50,28 +50,37 @@ export function knobs(root, changed, describe) {
     const entry = make("input", { type: "number", id, step: "any", "aria-describedby": described });
     let scale = null;
 
-    function place(value, afresh) {
+    const holds = (value) => scale.share(value) >= 0 && scale.share(value) <= 1;
+    const told = (value) => slider.setAttribute("aria-valuetext", Number.isFinite(value) ? `${show(value, 4)} ${field.unit ?? ""}`.trim() : "not given");
+
+    /** The slider's place; its range is made anew for the value, or stays while somebody is at it. */
+    function place(value, anew) {
       const known = Number.isFinite(value);
-      if (afresh || !scale || (known && !(scale.share(value) >= 0 && scale.share(value) <= 1))) scale = field.scale(known ? value : 0);
+      if (anew || !scale) scale = row.field.scale(known ? value : 0);
       slider.value = known ? Math.round(STEPS * scale.share(value)) : 0;
-      slider.setAttribute("aria-valuetext", known ? `${show(value, 4)} ${field.unit ?? ""}`.trim() : "not given");
+      told(value);
     }
 
     slider.addEventListener("input", () => {
       const share = Number(slider.value) / STEPS;
       const value = field.whole ? Math.round(scale.value(share)) : scale.value(share);
       entry.value = value;
-      slider.setAttribute("aria-valuetext", `${show(value, 4)} ${field.unit ?? ""}`.trim());
+      told(value);
       commit(row, value, false);
     });
-    slider.addEventListener("change", () => commit(row, Number(entry.value), true));
+    slider.addEventListener("change", () => {
+      const atEnd = [0, STEPS].includes(Number(slider.value));
+      if (atEnd) place(Number(entry.value), true); // whoever comes to an end may go on
+      commit(row, Number(entry.value), true);
+    });
     const typed = (done) => {
-      if (entry.value === "" || !Number.isFinite(entry.valueAsNumber)) {
+      const value = entry.valueAsNumber;
+      if (!Number.isFinite(value)) {
         complainAt(row, `${field.label} is empty; give a number`, true);
         return;
       }
-      place(entry.valueAsNumber, false);
-      commit(row, entry.valueAsNumber, done);
+      place(value, done && !(holds(value) && scale.low !== 0));
+      commit(row, value, done);
     };
     entry.addEventListener("input", () => typed(false));
     entry.addEventListener("change", () => typed(true));
@@ -80,7 +89,9 @@ export function knobs(root, changed, describe) {
       const value = field.read(state);
       if (document.activeElement !== entry) entry.value = value ?? "";
       entry.step = field.whole ? 1 : nudge(value ?? 0);
-      if (document.activeElement !== slider || afresh) place(value, afresh);
+      const busy = [entry, slider].includes(document.activeElement);
+      if (afresh || !scale) place(value, true);
+      else if (!busy) place(value, !holds(value));
     };
     return [label, slider, make("span", { className: "entry" }, entry, unit)];
   }

@@ -68,7 +68,7 @@ def dropped(request: dict[str, Any]) -> dict[str, Any]:
         raise Complaint("the request holds no text of a project; give toml, and files by their names")
     try:
         tables = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # a number of thousands of digits is none of TOMLDecodeError
         raise Complaint(f"the file is not valid TOML ({error}); correct that line") from None
     content = {_last(name): file for name, file in given.items()}
     with tempfile.TemporaryDirectory() as folder:

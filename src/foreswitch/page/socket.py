@@ -20,6 +20,13 @@ __all__ = ["KINDS", "Talk", "run_job"]
 #: Kind -> lane: nothing that takes seconds stands before what takes milliseconds.
 KINDS = {"look": "fast", "costs": "fast", "certify": "slow", "baseline": "slow"}
 
+REMEDIES = {
+    "project": "give a shorter file",
+    "columns": "give a shorter record",
+    "identify": "give a shorter record, or name the structure",
+    "baseline": "make the run or the budget smaller",
+}
+
 
 async def run_job(pool: Pool, choose: Callable[[], tuple[dict[str, Any], bytes]]) -> tuple[dict[str, Any], bytes]:
     """A job's reply, or the sentence that says why there is none; what is done is chosen when a process is free."""
@@ -39,7 +46,8 @@ async def run_job(pool: Pool, choose: Callable[[], tuple[dict[str, Any], bytes]]
             "this takes longer than {limit:g} s, or more memory than there is; make the run or the search shorter"
         )
     head, _ = chosen[0] if chosen else choose()
-    complaint = {"message": sentence.format(limit=LONGEST_JOB[head["kind"]]), "field": None}
+    remedy = REMEDIES.get(head["kind"], "make the run or the search shorter")
+    complaint = {"message": sentence.format(limit=LONGEST_JOB[head["kind"]], remedy=remedy), "field": None}
     if head["kind"] in KINDS:
         return {"status": 422}, pack({"id": head["id"], "kind": head["kind"], "error": complaint})
     return {"status": 422, "type": "application/json"}, json.dumps({"error": complaint}).encode()

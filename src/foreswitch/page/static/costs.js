@@ -18,6 +18,10 @@ function bar(share) {
  * @param {object} run reply to "look"
  */
 export function showCosts(thought, run) {
+  if (thought.error) {
+    byId("costs").replaceChildren(make("p", {}, `What the commands would have cost is not known: ${sentence(thought.error.message)}`));
+    return;
+  }
   const { costs, candidates, chosen } = thought;
   const order = [...costs.keys()].sort((a, b) => (Number.isFinite(costs[a]) ? costs[a] : Infinity) - (Number.isFinite(costs[b]) ? costs[b] : Infinity) || a - b).slice(0, LISTED);
   const most = Math.max(...[...costs].filter(Number.isFinite), 0);

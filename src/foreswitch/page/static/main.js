@@ -113,8 +113,8 @@ function think() {
   if (!run) return;
   const of = run;
   server.ask("costs", "", { ...asked(state), step: drawing.step() }, (reply) => {
-    if (reply.error || of !== run) return;
-    drawing.thought(reply);
+    if (of !== run) return;
+    drawing.thought(reply.error ? null : reply);
     showCosts(reply, run);
   });
 }
@@ -225,10 +225,22 @@ function become(next, { what = "", begun, dragged = false, afresh = false } = {}
   legend();
 }
 
-function loaded(project, what) {
+/** Why a project cannot even be shown; other mistakes are told beside their fields. */
+function flaw(project) {
   const table = lacking(project);
-  if (table) {
-    notice("file", `The file has no table [${table}]; add it.`);
+  if (table) return `The file has no table [${table}]; add it.`;
+  try {
+    groups(fresh(project));
+  } catch {
+    return "The file holds lists or tables where others belong; “foreswitch simulate” says which.";
+  }
+  return "";
+}
+
+function loaded(project, what) {
+  const found = flaw(project);
+  if (found) {
+    notice("file", found);
     return;
   }
   notice("file", "");
@@ -321,7 +333,7 @@ document.addEventListener("pointerover", tell);
 // Beginning ------------------------------------------------------------------------------------------------------------
 
 const links = address((next) => {
-  if (!next || lacking(next.project)) {
+  if (!next || flaw(next.project)) {
     notice("link", "This link is damaged; the settings before it are kept.");
     links.note(state, "");
     return;
@@ -340,7 +352,7 @@ const server = wire(({ open, wait }) => {
 });
 
 const linked = await links.read();
-const sound = linked && !lacking(linked.project);
+const sound = linked && !flaw(linked.project);
 if (linked !== undefined && !sound) notice("link", "This link is damaged; here is what the server began with instead.");
 become(sound ? whole(linked) : state, { afresh: true });
 identifying.restore();

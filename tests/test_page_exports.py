@@ -140,6 +140,12 @@ def test_a_dropped_project_takes_its_files_by_name_wherever_they_lay(file):
         (SAMPLES.format(file="../x.csv"), {"y.csv": "t,p\n0,1\n"}, "reference.file", "'x.csv'"),
         (SAMPLES.format(file="x.csv"), {"x.csv": "t,q\n0,1\n"}, "reference.file", "x.csv has no column 'p'"),
         (SAMPLES.format(file="x.csv"), {"x.csv": "t,p\n0,one\n"}, "reference.file", "line 2"),
+        (
+            SAMPLES.format(file="x.csv"),
+            {"x.csv": "t,p\n" + "".join(f"{i},1\n" for i in range(20001))},
+            "reference.file",
+            "thin",
+        ),
         (SAMPLES.format(file=""), {"": ""}, "reference.file", "row"),
         ("[reference\n", {}, None, "TOML"),
     ],

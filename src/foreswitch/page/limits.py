@@ -8,7 +8,8 @@ __all__ = ["LIMITS", "LONGEST_JOB"]
 
 #: Told to the page in start.json.
 LIMITS: dict[str, Any] = {
-    "message": 1 << 20,  # bytes of a project: a reference of some 25 000 points
+    "message": 1 << 20,  # bytes of a request with its project
+    "points": 20_000,  # of a reference: with all digits, three quarters of such a request
     "record": 8 << 20,  # bytes of a CSV file: some 300 000 rows
     "clients": 64,  # pages at once
     "steps": 100_000,  # periods of one run

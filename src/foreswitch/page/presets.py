@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from foreswitch.page.complaint import Complaint
+from foreswitch.page.limits import LIMITS
 from foreswitch.project import Project
 from foreswitch.reference import Samples
 
@@ -94,7 +95,13 @@ def _last(name: str) -> str:
 
 
 def embedded(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The same tables with points in place of samples; changes its argument."""
+    """The same tables with points in place of samples; changes its argument.
+
+    Raises
+    ------
+    ValueError
+        If a file has more points than a request has room for.
+    """
     for _, table in references(tables):
         if table.get("kind") == "samples":
             _embed(table, folder / table["file"])
@@ -104,6 +111,10 @@ def embedded(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
 def _embed(table: dict[str, Any], path: Path) -> None:
     """Points in place of the file."""
     samples = Samples.read_csv(path, time=table.get("time"), value=table.get("value"))
+    if samples.t.size > LIMITS["points"]:
+        raise ValueError(
+            f"{path} has {samples.t.size} rows; the page takes references of up to {LIMITS['points']} points, thin it out"
+        )
     for key in ("file", "time", "value"):
         table.pop(key, None)
     table |= {"kind": "points", "times": samples.t.tolist(), "values": samples.y.tolist()}

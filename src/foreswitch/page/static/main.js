@@ -77,9 +77,11 @@ function look(begun) {
     }
     trouble(null);
     refused = "";
-    if (good.key !== key(mine)) good = { key: key(mine), settings: mine, proof: undefined };
+    const current = key(mine) === key(state);
+    if (good.key !== key(mine)) good = { key: key(mine), settings: mine, proof: current ? proof : undefined };
     run = reply;
     drawing.show(run, state.view.step, dragging);
+    if (current && proof) proved(proof); // it may have come first
     byId("summary").textContent = summary(run);
     table();
     if (begun !== undefined) painted(begun);

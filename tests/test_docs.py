@@ -96,20 +96,27 @@ def test_a_project_file_is_changed_key_by_key():
     )
 
 
-@pytest.mark.parametrize("page", HOWTOS, ids=lambda page: page.stem)
-def test_a_how_to_quotes_only_numbers_that_its_code_holds_or_prints(page):
-    """Of two digits or more; and it has its parts: the short answer first, a picture, what to look out for."""
+@pytest.mark.parametrize("page", [*HOWTOS, DOCS / "tutorial.md"], ids=lambda page: page.stem)
+def test_the_text_quotes_only_numbers_that_its_code_holds_or_prints(page):
+    """Of two digits or more."""
     text = page.read_text(encoding="utf-8")
     code = " ".join(each.text for each in snippets.blocks(page))
-    prose = re.sub(r"^```(?!\{figure).*?^```$|`[^`\n]+`|\]\([^)]*\)", " ", text, flags=re.DOTALL | re.MULTILINE)
+    words = re.sub(r"^```(?!\{figure).*?^```$|`[^`\n]+`|\]\([^)]*\)", " ", text, flags=re.DOTALL | re.MULTILINE)
     number = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.]*\d)")
     values = {float(found) for found in number.findall(code)}
     values |= {value * factor for value in values for factor in (100, 1000)}  # per cent and thousandths
-    quoted = {found for found in number.findall(prose) if len(found) > 1}
+    quoted = {found for found in number.findall(words) if len(found) > 1}
     assert not {found for found in quoted if not np.isclose(float(found), sorted(values)).any()}
+
+
+@pytest.mark.parametrize("page", HOWTOS, ids=lambda page: page.stem)
+def test_a_how_to_has_its_parts(page):
+    """The short answer first, something that runs, a picture of its own, and what to look out for."""
+    text = page.read_text(encoding="utf-8")
     assert re.match(r"# [^\n]+\n\n\*\*", text)
-    assert "## What to look out for" in text
-    assert "```{figure} /_generated/howto/" in text
+    assert "```python\n" in text
+    assert f"```{{figure}} /_generated/howto/{page.stem}/" in text
+    assert "\n## What to look out for\n" in text
 
 
 def test_the_rule_for_settings_is_that_of_drafted_projects():
@@ -250,14 +257,28 @@ def test_the_picture_in_the_readme_is_that_of_the_demo(demo, tmp_path):
     assert np.abs(kept - drawn).mean() < 1e-3
 
 
-def test_the_call_in_the_readme_is_c(tmp_path):
+def test_the_calls_shown_are_c(tmp_path):
+    """The README's statements, and the page of the API; what is the reader's own is not declared there."""
     [call] = [each.text for each in snippets.blocks(ROOT / "README.md") if each.language == "c"]
+    [whole] = [each.text for each in snippets.blocks(DOCS / "c_api.md") if each.language == "c"]
+    yours = "void set_valve(double level);\nvoid raise_alarm(int status);\nint start(void);\n"
+    (tmp_path / "whole.c").write_text(yours + whole)
     (tmp_path / "call.c").write_text(
         '#include "foreswitch.h"\nextern const fsw_design design;\nstatic fsw_state state;\n'
         "void call(const fsw_real *x, const fsw_real *reference, const fsw_real *w, fsw_real *u);\n"
         "void call(const fsw_real *x, const fsw_real *reference, const fsw_real *w, fsw_real *u)\n{\n" + call + "}\n"
     )
-    command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{ROOT / 'core'}", "-fsyntax-only", "call.c"]
+    command = [
+        "cc",
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        f"-I{ROOT / 'core'}",
+        "-fsyntax-only",
+        "call.c",
+        "whole.c",
+    ]
     subprocess.run(command, cwd=tmp_path, check=True)
 
 

@@ -725,6 +725,14 @@ def test_readers_who_want_no_motion_get_none(visit):
     assert moving == 0
 
 
+@pytest.mark.parametrize(("required", "outcome"), [("", pytest.skip.Exception), ("1", pytest.fail.Exception)])
+def test_a_machine_without_a_browser_is_told_what_was_not_run(monkeypatch, required, outcome):
+    monkeypatch.setenv("FORESWITCH_REQUIRE_TARGETS", required)
+    monkeypatch.setattr(browsers, "CHROMIUM", None)
+    with pytest.raises(outcome, match="the tuning page lacks chromium"):
+        browsers.require()
+
+
 # Source ---------------------------------------------------------------------------------------------------------------
 
 

@@ -62,7 +62,7 @@ ORDER = [
 ]
 #: The same within the page: what is computed, then the processes that do it, then the server.
 PAGE = [
-    {"limits", "wire", "schema"},
+    {"limits", "wire", "schema", "frames"},
     {"complaint", "guard", "workers"},
     {"setups", "presets", "replay", "records"},
     {"answers", "exports"},
@@ -113,12 +113,12 @@ def page_imports(module):
 
 @pytest.mark.parametrize("module", sorted(set().union(*PAGE)))
 def test_the_page_imports_in_the_flow_of_data(module):
-    """Only the server and its talk know of the web; the page knows nothing of the command line."""
+    """Only the server, its talk and its frames know of the web; the page knows nothing of the command line."""
     own, siblings, others = page_imports(module)
     at = next(i for i, modules in enumerate(PAGE) if module in modules)
     assert own <= set().union(*PAGE[:at])
     assert "cli" not in siblings
-    assert not others & WEB or module in ("server", "socket")
+    assert not others & WEB or module in ("server", "socket", "frames")
 
 
 def test_only_the_command_line_knows_the_page():

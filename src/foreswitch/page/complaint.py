@@ -48,6 +48,7 @@ WORDS = (
     (r"^plant does not show its mode", "plant.C"),
     (r"^plant ", "plant"),
     (r"^the horizon has \d+ candidates", "actuator.levels"),
+    (r"^the horizon has \d+ states", "plant"),
     (r"^the horizon has ", "controller.steps"),
     (r"^output \d+ has no candidate effect", "plant"),
     (r"^input \d+ has no effect", "controller.Td"),

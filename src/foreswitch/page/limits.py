@@ -16,7 +16,7 @@ LIMITS: dict[str, Any] = {
     "valve_steps": 20_000,  # where Python is called in each period, for a disturbance that follows the output
     "told": 10_000_000,  # numbers that a run tells the controller of its reference: 80 MB
     "tried": 100_000_000,  # commands tried in one run: about a second
-    "nodes": 2_000_000,  # partial sequences searched in one run, and at least so many per step:
+    "nodes": 4_000_000,  # partial sequences searched in one run, about half a second; and at least so many per step:
     "least_nodes": 200,
     "states": 64,  # as the core holds them
     "late": 1000,  # periods that a sample may be late, all of which each period looks through

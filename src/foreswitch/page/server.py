@@ -26,6 +26,7 @@ from starlette.websockets import WebSocket
 
 from foreswitch._text import nearest
 from foreswitch.page.exports import FILES
+from foreswitch.page.frames import Frames
 from foreswitch.page.guard import Guard, is_loopback
 from foreswitch.page.limits import LIMITS
 from foreswitch.page.presets import presets
@@ -237,7 +238,7 @@ def run(
     link = f"http://{named}:{port}/" + (f"?token={token}" if token else "")
     config = uvicorn.Config(
         application(project, hosts=hosts, port=port, token=token), log_level="error", access_log=False,
-        server_header=False, date_header=False, proxy_headers=False, lifespan="on", ws="websockets-sansio", http="h11",
+        server_header=False, date_header=False, proxy_headers=False, lifespan="on", ws=Frames, http="h11",
         ws_max_size=LIMITS["message"], ws_per_message_deflate=False,  # nothing small unfolds into something large
         limit_concurrency=4 * LIMITS["clients"], timeout_graceful_shutdown=2,
     )  # fmt: skip

@@ -24,7 +24,7 @@ PATIENCE = 60.0
 class Page:
     """``foreswitch page``; ``link`` is what it prints."""
 
-    def __init__(self, *arguments):
+    def __init__(self, *arguments, waits=True):
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
         self.process = subprocess.Popen(
             [*COMMAND, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
@@ -33,7 +33,8 @@ class Page:
         found = re.match(r"http://(\[.*\]|[^:]*):(\d+)/", self.link)
         assert found, (self.link, self.process.stderr.read())
         self.host, self.port = f"{found[1]}:{found[2]}", int(found[2])
-        self.wait()
+        if waits:
+            self.wait()
 
     def wait(self):
         """Until it answers."""

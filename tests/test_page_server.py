@@ -476,6 +476,21 @@ def test_elsewhere_a_token_is_needed(far):
         assert ask(talk, "look", HOT)[1]["t"].size == 601
 
 
+@pytest.mark.parametrize("host", ["127.0.0.2", "::1"])
+def test_any_address_of_this_machine_alone_will_do(host):
+    try:
+        with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as tried:
+            tried.bind((host, 0))
+    except OSError:
+        pytest.skip("this machine has no such address")
+    page = Page("--host", host, waits=False)
+    try:
+        with page.talk() as talk:
+            assert ask(talk, "look", HOT)[1]["t"].size == 601
+    finally:
+        assert page.close()[::2] == (0, "")
+
+
 def test_a_free_port_is_found():
     port = free_port()
     with served("--port", str(port)) as page:

@@ -234,7 +234,8 @@ def run(
     port = listener.getsockname()[1]
     token = None if local else secrets.token_urlsafe(32)
     named = f"[{host}]" if ":" in host else host
-    hosts = {f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]")} if local else {f"{named}:{port}".lower()}
+    names = {named.lower(), *(("127.0.0.1", "localhost", "[::1]") if local else ())}
+    hosts = {f"{name}:{port}" for name in names}
     link = f"http://{named}:{port}/" + (f"?token={token}" if token else "")
     config = uvicorn.Config(
         application(project, hosts=hosts, port=port, token=token), log_level="error", access_log=False,

@@ -457,7 +457,7 @@ def test_elsewhere_a_token_is_needed(far):
                  f"/?token={token[:-1]}", f"/?token=x&token={token}"):  # fmt: skip
         assert said(far.get(path))[0] == 403, path
     assert said(far.get("/start.json", Cookie=f"foreswitch-{far.port}=wrong"))[0] == 403
-    assert said(far.get("/start.json", Cookie="foreswitch-{far.port}=\xe9"))[0] == 403
+    assert said(far.get("/start.json", Cookie=f"foreswitch-{far.port}=\xe9"))[0] == 403
     with pytest.raises(InvalidStatus), far.talk():
         pass
 

@@ -18,8 +18,8 @@ import { themeSwitch } from "./themeswitch.js";
 import { HEADS, figures, sentence, summary, verdict } from "./words.js";
 import { wire } from "./wire.js";
 
-/** The proof waits until the settings rest so long, the search for the best simple law longer [ms]. */
-const REST = { proof: 120, search: 500 };
+/** What waits until the settings rest so long [ms]: the picture comes first. */
+const REST = { costs: 80, proof: 120, search: 500 };
 /** Measured times from a slider to the picture that are kept, for whoever wants to see them. */
 const TIMES = 500;
 
@@ -32,6 +32,7 @@ let proof; // of the present settings; undefined: not there yet
 let good = { key: "", settings: null, proof: undefined }; // of that run
 let refused = ""; // settings of which no run can be made
 let rests = []; // timers of the slow questions
+let thinking = 0; // timer of the costs
 let dragging = false;
 const beside = new Map(); // lane -> {key, run, proof, error}: pinned runs and baselines
 
@@ -86,7 +87,8 @@ function look(begun) {
     table();
     if (begun !== undefined) painted(begun);
     if (!dragging) speak(summary(run));
-    think();
+    clearTimeout(thinking);
+    thinking = setTimeout(think, dragging ? REST.costs : 0);
   });
 }
 

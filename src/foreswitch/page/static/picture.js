@@ -287,6 +287,7 @@ export function picture(moved) {
     /** A run, with the cursor's step (null: a third of the way) and whether a slider is being dragged. */
     show(reply, step, dragged) {
       run = reply;
+      thought = null; // of the run before
       calm = dragged;
       if (stretch && stretch[1] > run.t.at(-1)) stretch = null;
       cursor = Math.min(step ?? Math.floor(run.u[0].length / 3), run.u[0].length - 1);
@@ -295,7 +296,7 @@ export function picture(moved) {
       const now = JSON.stringify([run.inputs, run.outputs, run.levels]);
       if (now !== shape) {
         shape = now;
-        proof = thought = null; // of another plant
+        proof = null; // of another plant
         build();
       }
       draw();

@@ -638,7 +638,6 @@ def computed(folder: Path) -> Values:
         (folder / f"demo_{section.pictures[0].name}.md").write_text(section_page(section))
     values = figures.draw(folder) | demo_values(demo) | core_values()
     values |= {"budget": str(comparisons.BUDGET), "prices": str(len(comparisons.PRICES))}
-    values |= {"nodes": f"{comparisons.NODE_BUDGET:,}".replace(",", " ")}
     rows, of_family = horizons.family()
     (folder / "family.md").write_text(markdown_table(horizons.HEADS, rows))
     tables, bought, found = comparisons.collect(compared, folder / "compare")
@@ -649,7 +648,7 @@ def computed(folder: Path) -> Values:
     heads = ["", "where", "shown by"]
     (folder / "decision_table.md").write_text(markdown_table(heads, comparisons.decision_rows(values)))
     (folder / "comparisons.md").write_text(comparison_page(tables))
-    return values
+    return values | {"nodes": f"{comparisons.NODE_BUDGET:,}".replace(",", " ")}
 
 
 def build(folder: Path) -> None:

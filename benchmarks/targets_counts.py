@@ -42,7 +42,7 @@ DISTANCES = [side * pulses for pulses in (3.0, 5.0, 8.0, 12.0, 20.0, 40.0, 60.0)
 #: What must hold whatever the compiler: (problem, processor, count) and its limit.
 BOUNDS = {
     (PAPER, "atmega328p", "usable"): 3200,
-    (PAPER, "atmega328p", "worst"): 4400, # a bad sample: the model coasts first
+    (PAPER, "atmega328p", "worst"): 4400,  # a bad sample: the model coasts first
     (PAPER, "atmega328p", "state"): 96,
     (PAPER, "cortex-m4f", "usable"): 200,
     (PAPER, "cortex-m4f", "flash"): 2048,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable
 from importlib.metadata import version
@@ -223,8 +224,23 @@ def _words(controller: Controller, design: Design, golden: Golden, name: str) ->
         + (f", {figures['state_bytes_avr']} on an AVR" if controller.real == "float32" else "; an AVR needs float32"),
         "table_bytes": str(figures["table_bytes"]),
         "work": work,
+        "reference_work": "11 multiply-adds" if not horizon else "two levels and 5 or 10 moves",
+        "counted": _counted(horizon),
         "recorded_nodes": f"at most {golden.nodes.max()} {'nodes' if horizon else 'candidates'} evaluated",
     }
+
+
+def _counted(horizon: bool) -> str:
+    """What was counted on the designs of a kind, as a table."""
+    found = json.loads(files("foreswitch").joinpath("firmware", "counted.json").read_text(encoding="utf-8"))["counts"]
+    lines = ["| | processor | step | step with a bad sample | stack | flash |", "|---|---|---|---|---|---|"]
+    for problem, processors in found.items():
+        if problem.startswith("hot gas" if horizon else "paper"):
+            for name, counts in processors.items():
+                usable, worst = counts.get("usable", counts["worst"]), counts["worst"] if "usable" in counts else ""
+                cells = [problem, name, usable, worst, counts.get("stack", ""), counts.get("flash", "")]
+                lines.append(f"| {' | '.join(str(cell) for cell in cells)} |")
+    return "\n".join(lines)
 
 
 def headline(controller: Controller, name: str) -> str:

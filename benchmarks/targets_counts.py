@@ -1,8 +1,8 @@
 """Exact counts on the processors that firmware is for: instructions or cycles of a step, its stack, flash and memory.
 
-``python benchmarks/targets_counts.py --update`` writes what it finds to src/foreswitch/firmware/counted.json, which the README
-of every export shows, so that a change which moves them shows in review. With a project file it counts that project's
-controller. Counts belong to a compiler: with another one nothing can be compared, which fails where
+``python benchmarks/targets_counts.py --update`` writes what it finds to src/foreswitch/firmware/counted.json, which the
+README of every export shows, so that a change which moves them shows in review. With a project file it counts that
+project's controller. Counts belong to a compiler: with another one nothing can be compared, which fails where
 FORESWITCH_REQUIRE_TARGETS is set, and is said elsewhere.
 """
 

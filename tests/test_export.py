@@ -394,6 +394,9 @@ def test_the_state_is_as_large_as_said(exported, tmp_path, name, real):
     readme = (folder / "README.md").read_text()
     assert f"| {figures['state_bytes']} bytes" in readme
     assert f"| {figures['table_bytes']} bytes" in readme
+    counted = {line.split(" | ")[1] for line in readme.splitlines() if " | cortex-" in line or " | atmega" in line}
+    every = {"cortex-m4f", "cortex-m3", "cortex-m0", "atmega328p"}
+    assert counted == ({"cortex-m4f"} if (folder / "horizon.c").exists() else every)
 
 
 def test_the_papers_controller_is_small():

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import foreswitch as fsw
-from foreswitch import cli
 from foreswitch.design_header import Design, initialiser, number
 from foreswitch.export import firmware_figures
 from foreswitch.golden import golden_steps
@@ -460,29 +459,15 @@ def test_a_tail_that_is_always_zero_is_not_computed():
 # Command line ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def run(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as caught:
-            cli.main(list(arguments))
-        out, err = capsys.readouterr()
-        return caught.value.code, out, err
-
-    assert call("init", "valve")[0] == 0
-    return call
-
-
-def test_export_writes_firmware_that_passes_its_selftest(run, tmp_path):
+def test_export_writes_firmware_that_passes_its_selftest(valve_line, tmp_path):
     arguments = ("export", "valve/project.toml", "c", "build/firmware", "--real", "float32", "--name", "valve")
-    code, out, err = run(*arguments)
+    code, out, err = valve_line(*arguments)
     assert (code, err) == (0, "")
     assert "float32" in out
     assert "make -C build/firmware selftest" in out
     code, said = spoken("make", "-C", "build/firmware", "selftest")
     assert code == 0, said
-    code, out, _ = run(*arguments, "--json")
+    code, out, _ = valve_line(*arguments, "--json")
     assert code == 0
     assert json.loads(out)["name"] == "valve"
     assert "#define FSW_SINGLE" in Path("build/firmware/foreswitch_design.h").read_text()
@@ -493,8 +478,8 @@ def test_export_writes_firmware_that_passes_its_selftest(run, tmp_path):
     [(("d", "out"), "known are"), (("c", "out", "--real", "half"), "real is 'half'"),
      (("c", "out", "--name", "int"), "name is"), (("c",), "DIR")],
 )  # fmt: skip
-def test_a_bad_export_is_one_sentence_and_nothing_is_written(run, arguments, words):
-    code, out, err = run("export", "valve/project.toml", *arguments)
+def test_a_bad_export_is_one_sentence_and_nothing_is_written(valve_line, arguments, words):
+    code, out, err = valve_line("export", "valve/project.toml", *arguments)
     assert (code, out) == (2, "")
     assert words in err
     assert err.count("\n") == 1

@@ -6,18 +6,9 @@ from typing import Any
 import numpy as np
 
 from foreswitch import Controller
+from foreswitch.design_header import ARRAYS, HORIZON_ARRAYS, HORIZON_SIZES, SIZES
 
 C_TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "d": "double", "f": "float"}
-#: In the order of the binding.
-SIZES = "states inputs outputs disturbances order rows candidates bad_limit measured loads gate_limit"
-ARRAYS = """level_count pending holds exact_levels levels candidate safe state_row disturbance_row offset reference_row
-half_weight pending_table hold_row total_row rest_reference rest_disturbance rest_offset dwell switch_cost model_x
-model_old model_new model_w model_c gain output_row output_offset start_row start_offset gate"""
-HORIZON_SIZES = "steps moves states order lead terminal tail exclusive dominance patience node_budget"
-HORIZON_ARRAYS = """start_row start_disturbance start_offset pending_table drift drift_disturbance row_disturbance
-row_offset reference_row terminal_reference terminal_disturbance terminal_offset F G S root_weight T move_weight lift
-lift_centre last_value hull value effect gain gain_previous pull place from_place metric from_metric switch_cost level
-dwell"""
 
 
 def numbers(values: np.ndarray) -> str:

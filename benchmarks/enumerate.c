@@ -6,7 +6,7 @@
 
 #include "designs.h"
 
-#ifdef KNOWN
+#ifdef SIZES_KNOWN
 enum { n = 2, m = 1, q = 1 };
 #define SIZES
 #else

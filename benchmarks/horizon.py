@@ -103,7 +103,7 @@ class Enumeration:
 def tiny(core: Core, problems: list[Problem], levels: str) -> Iterator[Row]:
     """Every sequence tried, at each length; decisions repeated on both sides."""
     ours = [core.replay(one, sweeps=3, loops=LOOPS) for one in problems]
-    for name, options, judged in (("tried", (), True), ("tried, sizes known", ("-DKNOWN",), False)):
+    for name, options, judged in (("tried", (), True), ("tried, sizes known", ("-DSIZES_KNOWN",), False)):
         enumeration = Enumeration(core, *options)
         other = [enumeration(one, mine) for one, mine in zip(problems, ours, strict=True)]
         ratios = [1.0 / share(mine.seconds, time)[0] for mine, time in zip(ours, other, strict=True)]

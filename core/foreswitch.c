@@ -602,15 +602,18 @@ INLINE fsw_decision choose(const fsw_design *d, const fsw_state *s, natural m, n
     const int nearest = m == 1 && q == 1 && !(COSTS(d) && d->switch_cost[0] > 0);
     for (natural i = 0; i < candidates; i++, command += m) {
         const fsw_real cost = evaluate(d, m, q, options, command, free, nearest);
-        if (costs) costs[i] = nearest ? d->half_weight[0] * cost * cost : cost;
+        if (costs) costs[i] = nearest && size_of(cost) < BEYOND ? d->half_weight[0] * cost * cost : cost;
         if (size_of(cost) < size_of(least) || (size_of(cost) == size_of(least) && same(command, present, m))) {
             least = cost;
             best = i;
         }
     }
-    if (nearest) {
+    if (nearest && best < candidates) {
         least *= d->half_weight[0] * least;
-        if (!(size_of(least) < BEYOND)) best = candidates;
+        if (!(size_of(least) < BEYOND)) {
+            best = candidates;
+            least = infinity();
+        }
     }
     /* where every cost overflows there is nothing to choose by */
     const fsw_decision decision = {size_of(least) < BEYOND ? FSW_OK : FSW_HELD, (uint16_t)best, (uint32_t)candidates,

@@ -113,6 +113,7 @@ INLINE void prepare(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, nat
 {
     const natural N = STEPS(h), d = h->disturbances;
     fsw_real *x = s->end, *p = s->last, y[FSW_HORIZON_STATES], drift[FSW_HORIZON_STATES], known[FSW_MAX_OUTPUTS];
+    y[0] = 0; /* gcc cannot see that it is always set */
     for (natural i = 0; i < n; i++) {
         x[i] = z[i];
         drift[i] = product(h->drift[i] + FLOOR, h->drift_disturbance + i * d, w, d);

@@ -215,7 +215,7 @@ def record_values() -> dict[str, str]:
 
 def target_rows() -> Iterator[list[str]]:
     """What benchmarks/targets_counts.py counted, a limit behind a slash."""
-    found = json.loads((ROOT / "benchmarks" / "targets_counts.json").read_text())
+    found = json.loads((ROOT / "src" / "foreswitch" / "firmware" / "counted.json").read_text())
     limits = {tuple(key.split("; ")): limit for key, limit in found["limits"].items()}
     for problem, processors in found["counts"].items():
         for name, counts in processors.items():

@@ -5,6 +5,7 @@ import re
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: threads on 3 x 3 matrices only wait for each other
 
+import pytest
 from hypothesis import settings
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None, max_examples=40)
@@ -14,6 +15,23 @@ settings.load_profile("repeatable")
 def pytest_configure(config):
     """What Hypothesis imports to report a failure must not end the session."""
     config.addinivalue_line("filterwarnings", "ignore:mypy_extensions:DeprecationWarning")
+
+
+@pytest.fixture
+def valve_line(tmp_path, monkeypatch, capsys):
+    """The command line beside a new project, valve/project.toml: arguments -> exit code, standard output, errors."""
+    from foreswitch import cli
+
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as caught:
+            cli.main(list(arguments))
+        out, err = capsys.readouterr()
+        return caught.value.code, out, err
+
+    assert call("init", "valve")[0] == 0
+    return call
 
 
 def pytest_terminal_summary(terminalreporter):

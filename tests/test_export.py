@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import foreswitch as fsw
-from foreswitch import cli
 from foreswitch.design_header import Design, initialiser, number
 from foreswitch.export import firmware_figures
 from foreswitch.golden import golden_steps
@@ -62,6 +61,7 @@ DESIGNS = {
     "Kalman horizon": lambda: fsw.Controller(
         VALVE, [-1, 0, 1], 1e-3, fsw.Horizon(6, lam=800.0, tail="zero"), estimator=KALMAN
     ),
+    "first-order horizon": lambda: fsw.Controller(fsw.Plant.fopdt(1.0, 1.0, 0.2), [0, 1], 0.1, fsw.Horizon(3, moves=1)),
     "no dead time": lambda: fsw.Controller(VALVE.replace(input_delay=0.0), [0, 1], 1e-3, ENDPOINT),
     "levels beside zero": lambda: fsw.Controller(VALVE, [1, 2], 1e-3, ENDPOINT),
 }  # fmt: skip
@@ -157,8 +157,9 @@ def test_numbers_are_the_shortest_that_read_back():
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("for", "C identifier"), ("2nd", "C identifier"), ("fsw_step", "begin with fsw_"), ("a-b", "C identifier"),
-     ("class", "C identifier"), ("state", "C identifier")],
+    [("2nd", "C identifier"), ("fsw", "begin with fsw"), ("a-b", "C identifier"), ("größe", "C identifier"),
+     *((name, "themselves; give another, say '") for name in
+       ("for", "class", "state", "level", "line", "input", "d", "x", "uint8_t", "NULL", "exit"))],
 )  # fmt: skip
 def test_a_name_that_is_none_is_refused_and_nothing_is_written(tmp_path, name, words):
     with pytest.raises(ValueError, match=words):
@@ -175,6 +176,68 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ValueError, match="give another folder"):
         fsw.export_c(design("paper"), tmp_path / "file")
+
+
+@pytest.mark.parametrize("hurdle", ["library.json", "examples"])
+def test_an_older_folder_stays_whole_where_a_file_has_no_place(tmp_path, hurdle):
+    folder = tmp_path / "out"
+    fsw.export_c(design("paper"), folder)
+    older = (folder / "foreswitch_design.h").read_bytes()
+    if hurdle == "examples":
+        shutil.rmtree(folder / hurdle)
+        (folder / hurdle).write_text("")
+    else:
+        (folder / hurdle).unlink()
+        (folder / hurdle).mkdir()
+    with pytest.raises(ValueError, match=f"{hurdle} is a (file|folder).*; give another folder"):
+        fsw.export_c(design("Kalman"), folder)
+    assert (folder / "foreswitch_design.h").read_bytes() == older
+
+
+@pytest.mark.parametrize(
+    "name", ['level ["Hg]', "a\\b", "**//", "/*x", "/*/", "*/ int x; /*", "\u202eabc", "x\ny", "??/"]
+)
+def test_any_name_of_an_output_goes_into_comments_and_json(tmp_path, name):
+    fsw.export_c(fsw.Controller(VALVE.replace(output_names=[name]), [0, 1], 1e-3, ENDPOINT), tmp_path)
+    assert json.loads((tmp_path / "library.json").read_text())["description"].startswith("controller: ")
+    for compiler in COMPILERS:
+        code, said = spoken(compiler, *STRICT, "-o", tmp_path / "t", tmp_path / "selftest.c", *sources(tmp_path))
+        assert (code, said) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("Ts", "line"),
+    [(1e-3, "due += 1000UL;"), (1 / 3000, "due += 333UL; // 0.1 % off: a timer can be closer"),
+     (2.5e-6, "due += 3UL; // 20 % off: a timer can be closer"), (5000.0, "due += 5000000UL;")],
+)  # fmt: skip
+def test_the_sketch_keeps_the_period(tmp_path, Ts, line):
+    plant = fsw.Plant.integrator_lag(k=1.0, c=Ts, L=3 * Ts)
+    fsw.export_c(fsw.Controller(plant, [0, 1], Ts, fsw.Endpoint(3 * Ts, 1 / Ts)), tmp_path)
+    sketch = (tmp_path / "examples" / "controller" / "controller.ino").read_text()
+    assert f"  {line}\n" in sketch
+    assert sketch.count("micros()") == (0 if Ts > 2000 else 2)
+    assert f"{Ts:g} s */" in (tmp_path / "README.md").read_text()
+
+
+@pytest.mark.parametrize(("real", "growth"), [("float32", 7.0), ("float32", 30.0), ("float64", 20.0)])
+def test_what_runs_away_is_recorded_in_finite_numbers(tmp_path, real, growth):
+    plant = fsw.Plant([[growth]], [[1.0]], input_delay=0.1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        law = fsw.Controller(plant, [-1, 1], 0.1, fsw.Endpoint(0.1, 5.0), real=real)
+    fsw.export_c(law, tmp_path)
+    spoken(COMPILERS[0], *STRICT, "-o", tmp_path / "selftest", tmp_path / "selftest.c", *sources(tmp_path))
+    assert re.fullmatch(r"\d+ passed, 0 failed\n", spoken(tmp_path / "selftest")[1])
+
+
+@pytest.mark.parametrize(("real", "weight"), [("float32", 1e39), ("float64", 1e308)])
+def test_a_design_that_overflows_is_refused(tmp_path, real, weight):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # NumPy tells of the overflow
+        law = fsw.Controller(VALVE, [0, 1], 1e-3, fsw.Endpoint(0.02, 2500.0, weight=weight), real=real)
+    with pytest.raises(ValueError, match=f"real is '{real}', in which .* overflows?; choose smaller weights"):
+        fsw.export_c(law, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_golden_steps_know_every_status_and_many_commands():
@@ -209,7 +272,7 @@ def test_the_selftest_passes_under_sanitizers(exported, tmp_path, name, real, co
 
 
 @pytest.mark.parametrize("level", ["-O0", "-O2", "-O3", "-Os"])
-@pytest.mark.parametrize("name", ["paper", "Kalman", "two-input horizon"])
+@pytest.mark.parametrize("name", ["paper", "Kalman", "two-input horizon", "first-order horizon"])
 def test_the_selftest_passes_at_every_optimisation(exported, tmp_path, name, level):
     for compiler in COMPILERS:
         for real in ("float64", "float32"):
@@ -394,6 +457,9 @@ def test_the_state_is_as_large_as_said(exported, tmp_path, name, real):
     readme = (folder / "README.md").read_text()
     assert f"| {figures['state_bytes']} bytes" in readme
     assert f"| {figures['table_bytes']} bytes" in readme
+    counted = {line.split(" | ")[1] for line in readme.splitlines() if " | cortex-" in line or " | atmega" in line}
+    every = {"cortex-m4f", "cortex-m3", "cortex-m0", "atmega328p"}
+    assert counted == ({"cortex-m4f"} if (folder / "horizon.c").exists() else every)
 
 
 def test_the_papers_controller_is_small():
@@ -409,8 +475,7 @@ def test_without_its_constants_the_core_takes_the_same_steps(exported, tmp_path,
         folder = tmp_path / f"{name}{key}"
         shutil.copytree(exported(name), folder)
         header = folder / "foreswitch_design.h"
-        text = header.read_text().replace("#if !defined(FSW_FIXED) || !defined(FSW_DESIGN)", "#if 0")
-        text = text.replace("#define FSW_DESIGN controller\n", "")
+        text = header.read_text().replace("#define FSW_DESIGN controller\n", "")
         if key == "FSW_FIXED":
             text = text.replace("#define FSW_FIXED\n", "")
         header.write_text(text)
@@ -457,29 +522,15 @@ def test_a_tail_that_is_always_zero_is_not_computed():
 # Command line ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def run(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as caught:
-            cli.main(list(arguments))
-        out, err = capsys.readouterr()
-        return caught.value.code, out, err
-
-    assert call("init", "valve")[0] == 0
-    return call
-
-
-def test_export_writes_firmware_that_passes_its_selftest(run, tmp_path):
+def test_export_writes_firmware_that_passes_its_selftest(valve_line, tmp_path):
     arguments = ("export", "valve/project.toml", "c", "build/firmware", "--real", "float32", "--name", "valve")
-    code, out, err = run(*arguments)
+    code, out, err = valve_line(*arguments)
     assert (code, err) == (0, "")
     assert "float32" in out
     assert "make -C build/firmware selftest" in out
     code, said = spoken("make", "-C", "build/firmware", "selftest")
     assert code == 0, said
-    code, out, _ = run(*arguments, "--json")
+    code, out, _ = valve_line(*arguments, "--json")
     assert code == 0
     assert json.loads(out)["name"] == "valve"
     assert "#define FSW_SINGLE" in Path("build/firmware/foreswitch_design.h").read_text()
@@ -490,8 +541,8 @@ def test_export_writes_firmware_that_passes_its_selftest(run, tmp_path):
     [(("d", "out"), "known are"), (("c", "out", "--real", "half"), "real is 'half'"),
      (("c", "out", "--name", "int"), "name is"), (("c",), "DIR")],
 )  # fmt: skip
-def test_a_bad_export_is_one_sentence_and_nothing_is_written(run, arguments, words):
-    code, out, err = run("export", "valve/project.toml", *arguments)
+def test_a_bad_export_is_one_sentence_and_nothing_is_written(valve_line, arguments, words):
+    code, out, err = valve_line("export", "valve/project.toml", *arguments)
     assert (code, out) == (2, "")
     assert words in err
     assert err.count("\n") == 1

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import foreswitch as fsw
-from foreswitch import cli
 from systems import RISE, VALVE, quiet, valve_controller
 from targets.scenarios import BAD, CONTROLLERS, Truth
 from test_core_c import COMPILERS, FILES, make, number
@@ -676,26 +675,12 @@ def test_mistakes_are_one_sentence_and_leave_nothing(tmp_path, monkeypatch):
     assert validate_fmu(str(tmp_path / "new" / "a.fmu")) == []
 
 
-@pytest.fixture
-def run(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as caught:
-            cli.main(list(arguments))
-        out, err = capsys.readouterr()
-        return caught.value.code, out, err
-
-    assert call("init", "valve")[0] == 0
-    return call
-
-
-def test_the_command_line_exports_an_fmu(run):
-    code, out, err = run("export", "valve/project.toml", "fmu", "build/controller.fmu", "--real", "float32")
+def test_the_command_line_exports_an_fmu(valve_line):
+    code, out, err = valve_line("export", "valve/project.toml", "fmu", "build/controller.fmu", "--real", "float32")
     assert (code, err) == (0, "")
     assert out.startswith("build/controller.fmu: FMI 2.0 for co-simulation, binary and sources, float32")
     assert fmpy.supported_platforms("build/controller.fmu") == ["c-code", fmpy.platform]
-    code, out, _ = run(
+    code, out, _ = valve_line(
         "export", "valve/project.toml", "fmu", "build/s.fmu", "--source-only", "--name", "valve", "--json"
     )
     assert code == 0
@@ -711,8 +696,8 @@ def test_the_command_line_exports_an_fmu(run):
         (("c", "a", "--source-only"), "leave it out"),
     ],
 )
-def test_a_bad_export_is_one_sentence_and_nothing_is_written(run, arguments, words):
-    code, out, err = run("export", "valve/project.toml", *arguments)
+def test_a_bad_export_is_one_sentence_and_nothing_is_written(valve_line, arguments, words):
+    code, out, err = valve_line("export", "valve/project.toml", *arguments)
     assert (code, out) == (2, "")
     assert words in err
     assert err.count("\n") == 1

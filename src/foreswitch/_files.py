@@ -3,7 +3,7 @@
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -48,7 +48,7 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
     Raises
     ------
     ValueError
-        If the folder cannot be made.
+        If the folder cannot be made, or a file cannot take its place there.
     """
     target = Path(path).resolve()
     try:
@@ -64,9 +64,19 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
             os.chmod(work, _mode(0o777))
             os.replace(work, target)
         else:
-            for file in sorted(path for path in work.rglob("*") if path.is_file()):
-                place = target / file.relative_to(work)
+            files = {path: target / path.relative_to(work) for path in sorted(work.rglob("*")) if path.is_file()}
+            _judge(files.values(), target)
+            for file, place in files.items():
                 place.parent.mkdir(parents=True, exist_ok=True)
                 os.replace(file, place)
     finally:
         shutil.rmtree(work, ignore_errors=True)
+
+
+def _judge(places: Iterable[Path], target: Path) -> None:
+    """Whether each file can take its place, before the first does."""
+    for place in places:
+        hurdle = next((up for up in place.parents if up.exists() and not up.is_dir()), None)
+        if place.is_dir() or hurdle is not None:
+            kind = "folder" if hurdle is None else "file"
+            raise ValueError(f"{target} cannot be written ({hurdle or place} is a {kind}); give another folder")

@@ -100,7 +100,17 @@ class Design:
             design.horizon_arrays = _named(HORIZON_ARRAYS, tables)
         elif design._rests_at_zero():
             design.arrays |= dict.fromkeys(REST)
+        design._judge()
         return design
+
+    def _judge(self) -> None:
+        """C has no constant for what is not finite, and no use for it."""
+        for key, values in (self.arrays | (self.horizon_arrays or {})).items():
+            if values is not None and not np.isfinite(values).all():
+                raise ValueError(
+                    f"real is {self.real!r}, in which the design's {key} overflows; choose smaller weights, or units of "
+                    "which the plant moves fewer"
+                )
 
     def _rests_at_zero(self) -> bool:
         """Whether the tail is always zero, as with a plant that integrates: then the core need not compute it."""

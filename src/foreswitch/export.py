@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable
+from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
@@ -20,11 +22,15 @@ CORE = ["foreswitch.h", "foreswitch.c"]
 HORIZON = ["horizon.h", "horizon.c"]
 TEMPLATES = ["foreswitch_design.h", "example.c", "selftest.c", "Makefile", "CMakeLists.txt", "library.properties",
              "library.json", "README.md"]  # fmt: skip
-#: Names that C, C++ or the core have taken.
+#: Names that C and C++ have taken, and functions that compilers know without a header.
 TAKEN = """auto break case char const continue default do double else enum extern float for goto if inline int long
 register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while main state
 bool catch class delete explicit export false friend mutable namespace new operator private protected public template this
-throw true try typename using virtual and or not xor asm setup loop"""
+throw true try typename using virtual and or not xor asm setup loop abort abs acos asin atan calloc ceil cos cosh erf exit
+exp fabs floor fmod free gamma index isnan j0 j1 jn labs log malloc memcmp memset pow printf putchar puts realloc remainder
+rint round signal sin sinh sqrt strlen tan tanh time trunc y0 y1 yn EOF NULL"""
+#: Of an FMU, besides the core.
+SHELL = ["fmi2.h", "fmi.c"]
 
 
 def export_c(controller: Controller, folder: str | Path, *, name: str = "controller") -> None:
@@ -77,9 +83,24 @@ def check_export(controller: Controller, name: str) -> None:
     """Whether there is something to export, under a name that C allows."""
     if not isinstance(controller, Controller):
         raise ValueError(f"controller is a {type(controller).__name__}; give a Controller, baselines have no firmware")
-    taken = name in TAKEN.split() or name.startswith("fsw_")
-    if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name) or taken:
-        raise ValueError(f"name is {name!r}; give a C identifier that is no keyword and does not begin with fsw_")
+    if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name, flags=re.ASCII) or name.startswith("fsw"):
+        raise ValueError(f"name is {name!r}; give a C identifier that does not begin with fsw")
+    if name in TAKEN.split() or name in _identifiers():
+        raise ValueError(
+            f"name is {name!r}, which the C sources use themselves; give another, say {name + '_control'!r}"
+        )
+
+
+@cache
+def _identifiers() -> frozenset[str]:
+    """Of all C that is shipped: in a function that has a local of the design's name, the local would be meant."""
+    own = files("foreswitch")
+    found: set[str] = set()
+    sources = [own.joinpath("c", file) for file in [*CORE, *HORIZON, *SHELL]]
+    for source in [*sources, *(own.joinpath("firmware", file) for file in TEMPLATES if file.endswith((".c", ".h")))]:
+        text = re.sub(r"/\*.*?\*/|\"[^\"\n]*\"", " ", source.read_text(encoding="utf-8"), flags=re.DOTALL)
+        found.update(re.findall(r"[A-Za-z_]\w*", re.sub(r"@\w+@", " ", text)))
+    return frozenset(found)
 
 
 def filled(template: str, words: dict[str, str]) -> str:
@@ -198,6 +219,7 @@ def _words(controller: Controller, design: Design, golden: Golden, name: str) ->
     return {
         "name": name,
         "title": headline(controller, name),
+        "title_json": json.dumps(f"{headline(controller, name)}."),
         "version": version("foreswitch"),
         "limits": design.limits_text(name),
         "tables": design.tables_text(name),
@@ -209,7 +231,8 @@ def _words(controller: Controller, design: Design, golden: Golden, name: str) ->
         "steps": ",\n".join(_row(golden, k) for k in range(len(golden))),
         "last_x": initialiser(golden.state),
         "last_w": initialiser(golden.disturbances),
-        "period": f"{controller.Ts * 1e6:.0f}",
+        "period": f"{controller.Ts:g} s",
+        **_ticks(controller.Ts),
         "sources": " ".join(sources),
         "sources_listed": " and ".join(f"`{file}`" for file in sources),
         "core_files": "`, `".join(core),
@@ -223,8 +246,32 @@ def _words(controller: Controller, design: Design, golden: Golden, name: str) ->
         + (f", {figures['state_bytes_avr']} on an AVR" if controller.real == "float32" else "; an AVR needs float32"),
         "table_bytes": str(figures["table_bytes"]),
         "work": work,
+        "reference_work": "11 multiply-adds" if not horizon else "two levels and 5 or 10 moves",
+        "counted": _counted(horizon),
         "recorded_nodes": f"at most {golden.nodes.max()} {'nodes' if horizon else 'candidates'} evaluated",
     }
+
+
+def _ticks(Ts: float) -> dict[str, str]:
+    """A period by an Arduino's clock; its microseconds last for an hour."""
+    clock, unit = ("micros", 1e-6) if Ts < 2000.0 else ("millis", 1e-3)
+    count = max(round(Ts / unit), 1)
+    off = abs(count * unit / Ts - 1.0)
+    note = f" // {100.0 * off:.2g} % off: a timer can be closer" if off > 1e-6 else ""
+    return {"clock": clock, "ticks": str(count), "rounded": note}
+
+
+def _counted(horizon: bool) -> str:
+    """What was counted on the designs of a kind, as a table."""
+    found = json.loads(files("foreswitch").joinpath("firmware", "counted.json").read_text(encoding="utf-8"))["counts"]
+    lines = ["| | processor | step | step with a bad sample | stack | flash |", "|---|---|---|---|---|---|"]
+    for problem, processors in found.items():
+        if problem.startswith("hot gas" if horizon else "paper"):
+            for name, counts in processors.items():
+                usable, worst = counts.get("usable", counts["worst"]), counts["worst"] if "usable" in counts else ""
+                cells = [problem, name, usable, worst, counts.get("stack", ""), counts.get("flash", "")]
+                lines.append(f"| {' | '.join(str(cell) for cell in cells)} |")
+    return "\n".join(lines)
 
 
 def headline(controller: Controller, name: str) -> str:
@@ -234,7 +281,9 @@ def headline(controller: Controller, name: str) -> str:
 
 
 def _one_line(text: str) -> str:
-    return " ".join(text.replace("*/", "").split())
+    """For a comment in C, which neither ends in it nor begins anew."""
+    text = "".join(c if c.isprintable() else " " for c in text)
+    return " ".join(re.sub(r"(?<=\*)/|(?<=/)\*", " ", text).split())
 
 
 def _row(golden: Golden, k: int) -> str:

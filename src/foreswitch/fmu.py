@@ -27,12 +27,11 @@ from foreswitch._files import write_whole
 from foreswitch.controller import Controller, Status
 from foreswitch.core import REALS
 from foreswitch.design_header import Design, initialiser, number
-from foreswitch.export import CORE, HORIZON, check_export, filled, headline
+from foreswitch.export import CORE, HORIZON, SHELL, check_export, filled, headline
 from foreswitch.objective import Horizon
 
 __all__ = ["export_fmu"]
 
-SHELL = ["fmi2.h", "fmi.c"]
 #: Folder and suffix of a binary, by operating system and processor, as FMI 2.0 names them.
 PLATFORMS = {
     ("linux", "x86_64"): ("linux64", ".so"),

@@ -22,6 +22,8 @@ PARTS = 4
 HELD = 8
 #: Finite, so that any compiler can read it, and beyond what the core takes for a measurement.
 UNUSABLE = {"float32": 3e38, "float64": 1e300}
+#: States beyond it begin anew, so that squares stay finite: what is unstable may run away from any controller.
+AWAY = {"float32": 1e10, "float64": 1e60}
 
 
 @dataclass
@@ -75,8 +77,9 @@ def golden_steps(controller: Controller) -> Golden:
     x, unstable = np.zeros(plant.states), abs(np.linalg.eigvals(law._model.transition)).max() > 1.0 + 1e-9
     for k in range(steps):
         part, at = divmod(k, length)
+        if (at == 0 and unstable) or np.abs(x).max() > AWAY[law.real]:
+            x = np.zeros(plant.states)
         if at == 0:
-            x = np.zeros(plant.states) if unstable else x
             wanted = _course(law, x, length, part)
         w = 0.01 * _noise(k, p)
         shown = x if law.estimator is None else plant.C @ x + plant.y_offset
@@ -98,6 +101,8 @@ def golden_steps(controller: Controller) -> Golden:
     state, disturbances = np.empty(plant.states), np.empty(law._disturbances)
     law._core.estimate(state, disturbances)
     names = ("measured", "reference", "disturbance", "command", "status", "cost", "nodes")
+    if not np.isfinite([row[5] for row in rows]).all():
+        raise ValueError(f"real is {law.real!r}, in which costs overflow; choose smaller weights")
     columns = {name: np.array(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
     return Golden(**columns, state=state.astype(real), disturbances=disturbances.astype(real))
 
@@ -140,8 +145,10 @@ def _course(law: Controller, x: Any, length: int, part: int) -> Any:
             draw += 1
         left -= 1
         course.append([row @ x for row in rows])
+        x = np.zeros(plant.states) if np.abs(x).max() > AWAY[law.real] else x
         x = model.transition @ x + (model.old + model.new).T @ command + model.drift
     course.append([row @ x for row in rows])
     values = np.array(course).transpose(0, 2, 1)  # (time, q, order)
     values[..., 0] += plant.y_offset
+    values = np.clip(values, -AWAY[law.real], AWAY[law.real])
     return np.array([values[k + ahead, np.arange(plant.outputs)] for k in range(length)])

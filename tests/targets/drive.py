@@ -11,16 +11,14 @@ import numpy as np
 import foreswitch as fsw
 from foreswitch import Controller
 from foreswitch.core import CORES, REALS
+from foreswitch.design_header import SIZES
 from targets.harness import HERE, Image, Target
 
-#: In the order of the binding.
-SIZES = ["states", "inputs", "outputs", "disturbances", "order", "rows", "candidates", "bad_limit", "measured", "loads",
-         "gate_limit"]  # fmt: skip
 END, STEP, DECIDE_AND_STEP, PRELOAD, START, INIT, TRACK, MISSED, SAFE = range(9)
 
 
 def law_sizes(law: Controller) -> dict[str, int]:
-    return dict(zip(SIZES, law._parts[0], strict=True))
+    return dict(zip(SIZES.split(), law._parts[0], strict=True))
 
 
 def saved_state(law: Controller) -> Callable[[bytes], bytes]:

@@ -7,6 +7,7 @@
  */
 #if defined(FSW_LIMITS)
 
+#define FSW_LIMITS_TAKEN
 @limits@
 
 #else
@@ -16,7 +17,7 @@
 
 #include "foreswitch.h"
 
-#if !defined(FSW_FIXED) || !defined(FSW_DESIGN)
+#ifndef FSW_LIMITS_TAKEN
 #error "foreswitch.h did not look for its limits: compile with -DFSW_EXPORTED"
 #endif
 

@@ -1,4 +1,4 @@
-// @title@: one step every @period@ microseconds. Replace measure(), wanted() and the pins by your own.
+// @title@. Replace measure(), wanted() and the pins by your own.
 #include <foreswitch_design.h>
 
 static fsw_state state;
@@ -9,12 +9,12 @@ static void wanted(fsw_real *reference) { for (int i = 0; i < @reference@; i++) 
 
 void setup() {
   if (fsw_init(&@name@, &state) != FSW_VALID) for (;;) {}
-  due = micros();
+  due = @clock@();
 }
 
 void loop() {
-  if ((long)(micros() - due) < 0) return;
-  due += @period@UL;
+  if ((long)(@clock@() - due) < 0) return;
+  due += @ticks@UL;@rounded@
   fsw_real x[@measured@], reference[@reference@], w[@disturbances@] = {0}, u[FSW_MAX_INPUTS];
   measure(x);
   wanted(reference);

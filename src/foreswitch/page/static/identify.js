@@ -24,7 +24,7 @@ export function identifyPanel({ use, speak }) {
 
   file.addEventListener("change", () => file.files[0] && load(file.files[0]));
   byId("identify").append(
-    make("p", {}, "A record of your plant, one row per sample: time, what was commanded, what was measured. A few pulses are enough. It stays in this browser."),
+    make("p", {}, "A record of your plant, one row per sample: time, what was commanded, what was measured. A few pulses are enough. It stays in this browser. Open it, or drop it anywhere on the page."),
     make("label", { className: "button file" }, "Open a record", file),
     complaint, chosen, found,
   );

@@ -369,6 +369,14 @@ def test_a_certificate_bears_the_options_either_way():
     assert (arrays["high"] >= run.y.T).all()
 
 
+def test_a_certificate_says_what_of_the_run_it_does_not_cover():
+    assert ask("certify", HOT, options={"delay_error": 2e-4, "gain_error": 0.1})[0]["covers"] is None
+    slow = changed(HOT, ("simulation.hardware", {"opening": 0.002, "closing": 0.002}))
+    other = changed(slow, ("simulation.plant", HOT["plant"]))
+    assert "[simulation.hardware], which the bound does not cover" in ask("certify", slow)[0]["covers"]
+    assert "[simulation.plant] and [simulation.hardware], which" in ask("certify", other)[0]["covers"]
+
+
 def test_what_is_not_proven_has_reasons_and_no_band():
     fields, arrays = ask("certify", EXAMPLES["attitude"])
     assert fields["holds"] is False

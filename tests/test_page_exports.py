@@ -49,7 +49,9 @@ ALL = {
 @pytest.mark.parametrize("name", ALL)
 def test_a_project_file_holds_the_project(name):
     _, content = take("project.toml", ALL[name], name="mine")
-    assert tomllib.loads(content.decode()) == ALL[name]
+    drawn = {"noise", "hardware"} & ALL[name]["simulation"].keys()  # with the seed that the page's picture has
+    seeded = changed(ALL[name], ("simulation.seed", ALL[name]["simulation"].get("seed", 0))) if drawn else ALL[name]
+    assert tomllib.loads(content.decode()) == seeded
     assert content == take("project.toml", ALL[name], name="mine")[1]
 
 
@@ -166,6 +168,19 @@ def test_a_dropped_project_that_is_broken_still_comes_through():
 
 
 # What the fields mean -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[plant]\nk = 2026-11-22", "holds a date"),
+        (f"[plant]\nk = [{'0.1234567890123, ' * 70000}]", "thin its points out"),
+    ],
+    ids=["date", "long"],
+)
+def test_what_no_request_can_hold_is_told_when_it_is_dropped(text, words):
+    _, body = jobs.done({"kind": "project"}, json.dumps({"toml": text}).encode())
+    assert words in json.loads(body)["error"]["message"]
 
 
 def test_every_key_of_a_project_is_explained():

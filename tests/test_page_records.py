@@ -82,6 +82,16 @@ def test_a_record_gives_the_plant_of_the_library(record):
     assert Project(header["project"], None).plant.input_delay[0] == pytest.approx(fit.plant.input_delay[0], rel=1e-9)
 
 
+def test_a_record_by_the_clock_is_drawn_from_its_beginning(record):
+    """Single precision would hold all its instants for one."""
+    head, *rows = record.read_text().splitlines()
+    late = [f"{float(t) + 1.7e9:.4f},{more}" for t, _, more in (row.partition(",") for row in rows)]
+    fields, arrays = identified("\n".join([head, *late]).encode(), structure=["integrator+lag"])
+    assert arrays["t"][0] == 0.0
+    assert (np.diff(arrays["t"]) > 0).all()
+    assert fields["segments"] == [0.0]
+
+
 def test_a_structure_may_be_wanted(record):
     assert identified(record.read_bytes(), structure=["integrator"])[0]["fit"]["structure"] == ["integrator"]
     assert "structure" in identified(record.read_bytes(), structure=["spring"])[0]["message"]

@@ -247,6 +247,15 @@ def test_what_is_out_of_date_is_said_to_be(page):
     assert len(full) < 20
 
 
+def test_only_so_many_requests_of_a_page_wait(page):
+    """Each with a key of its own, so that none is out of date."""
+    with page.talk() as talk:
+        for i in range(60):
+            talk.send(json.dumps({"id": i, "kind": "certify", "lane": str(i), "project": PROJECTS["inverter"]}))
+        first, _ = unpack(talk.recv(timeout=PATIENCE))
+    assert "too many requests wait" in first["error"]["message"]
+
+
 def test_a_look_does_not_wait_for_a_certificate(page):
     with page.talk() as talk:
         talk.send(json.dumps({"id": "slow", "kind": "certify", "project": PROJECTS["inverter"]}))

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from foreswitch.page import workers
 from foreswitch.page.wire import unpack
 from foreswitch.page.workers import Busy, Overrun, Pool
 from page_server import alive
@@ -99,6 +100,30 @@ def test_no_more_jobs_wait_than_agreed():
         assert pool.waiting == 0
 
     with_pool(scenario, longest_queue=3)
+
+
+def test_a_process_that_does_not_start_is_tried_again(monkeypatch):
+    """As when the machine has no memory for a while."""
+    tries = []
+    start = workers._Worker.start
+
+    async def failing(worker):
+        tries.append(worker)
+        if len(tries) == 2:
+            raise OSError("no memory")
+        await start(worker)
+
+    monkeypatch.setattr(workers._Worker, "start", failing)
+
+    async def scenario(pool, seen):
+        seen |= pids(pool)
+        with pytest.raises(Overrun):
+            await pool.run(lambda: (*LONG[:2], 0.3))
+        _, body = await pool.run(lambda: LOOK)
+        assert unpack(body)[1]["t"].size == 601
+        assert len(tries) == 3
+
+    with_pool(scenario)
 
 
 def test_memory_is_bounded():

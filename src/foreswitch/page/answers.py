@@ -16,6 +16,7 @@ from foreswitch.loop import Loop
 from foreswitch.page.complaint import Complaint
 from foreswitch.page.replay import moment
 from foreswitch.page.setups import Setup, setup
+from foreswitch.project import SimulationTable
 from foreswitch.run import Run
 
 __all__ = ["baseline", "certify", "costs", "look"]
@@ -109,6 +110,7 @@ def certify(request: dict[str, Any]) -> Answer:
         "input_range": proof.input_range,
         "ideal_input": proof.ideal_input,
         "outputs": list(project.plant.output_names),
+        "covers": _beside(project.file.simulation),
         "warnings": made.warnings,
     }
     if request.get("margins") is True:
@@ -117,6 +119,12 @@ def certify(request: dict[str, Any]) -> Answer:
             "rest": proof.rest,
         }  # fmt: skip
     return fields, _band(proof)
+
+
+def _beside(simulation: SimulationTable) -> str | None:
+    """What the run has that the certificate, which is about the model, knows nothing of; None where that is nothing."""
+    tables = [f"[simulation.{name}]" for name in ("plant", "hardware") if getattr(simulation, name) is not None]
+    return f"the run is of {' and '.join(tables)}, which the bound does not cover" if tables else None
 
 
 def _band(proof: Certificate) -> dict[str, Array]:

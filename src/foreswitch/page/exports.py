@@ -15,7 +15,7 @@ from foreswitch.export import check_export, export_c
 from foreswitch.fmu import export_fmu
 from foreswitch.page.complaint import Complaint
 from foreswitch.page.schema import TABLES
-from foreswitch.page.setups import Setup, setup
+from foreswitch.page.setups import SEED, Setup, setup
 from foreswitch.report import run_report
 
 __all__ = ["FILES", "export", "toml"]
@@ -54,7 +54,14 @@ def export(request: dict[str, Any], kind: str) -> bytes:
 
 
 def _project(made: Setup, name: str, _: Path) -> bytes:
-    return f"# foreswitch project {name}, from the tuning page; units are SI.\n{toml(made.tables)}".encode()
+    return f"# foreswitch project {name}, from the tuning page; units are SI.\n{toml(_seeded(made.tables))}".encode()
+
+
+def _seeded(tables: dict[str, Any]) -> dict[str, Any]:
+    """With the seed of the page's picture, where there is chance and none is named."""
+    simulation = tables["simulation"]
+    chance = simulation.get("noise") is not None or simulation.get("hardware") is not None
+    return tables | {"simulation": simulation | {"seed": SEED}} if chance and simulation.get("seed") is None else tables
 
 
 def _report(made: Setup, name: str, folder: Path) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
 import tomllib
 from collections.abc import Iterator
@@ -26,6 +27,10 @@ PRESETS = (
 )
 
 
+#: Bytes of a request that are not its project.
+BESIDE = 4096
+
+
 def presets() -> list[dict[str, Any]]:
     """All examples."""
     found = []
@@ -44,7 +49,7 @@ def read(path: Path) -> dict[str, Any]:
         As `Project.read`.
     """
     Project.read(path)  # complains in the words of the command line
-    return embedded(tomllib.loads(path.read_text(encoding="utf-8")), path.parent)
+    return _judged(embedded(tomllib.loads(path.read_text(encoding="utf-8")), path.parent))
 
 
 def dropped(request: dict[str, Any]) -> dict[str, Any]:
@@ -86,6 +91,19 @@ def dropped(request: dict[str, Any]) -> dict[str, Any]:
                     _embed(table, path)
                 except ValueError as error:
                     raise Complaint(str(error).replace(str(path), name), f"{place}.file") from None
+    return _judged(tables)
+
+
+def _judged(tables: dict[str, Any]) -> dict[str, Any]:
+    """Whether a request can hold it."""
+    try:
+        size = len(json.dumps(tables))
+    except TypeError:
+        raise Complaint("the project holds a date or a time, which no key of it is; give numbers and texts") from None
+    if size > LIMITS["message"] - BESIDE:
+        raise Complaint(
+            f"the project takes {size} bytes; the page takes up to {LIMITS['message'] - BESIDE}, thin its points out"
+        )
     return tables
 
 

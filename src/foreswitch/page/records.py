@@ -118,9 +118,9 @@ def identify(content: bytes, query: dict[str, list[str]]) -> tuple[dict[str, Any
         "project": draft,
         "inputs": list(record.input_names),
         "outputs": list(record.output_names),
-        "segments": [float(record.t[part.start]) for part in record.segments],
+        "segments": [float(record.t[part.start] - record.t[0]) for part in record.segments],
     }
-    arrays = {"t": record.t, "u": record.u.T, "y": record.y.T, "model": _followed(fit).T}
+    arrays = {"t": record.t - record.t[0], "u": record.u.T, "y": record.y.T, "model": _followed(fit).T}
     pulse, drawn = _average(fit)
     return fields | pulse, arrays | drawn
 

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import json
 import logging
-import mimetypes
 import os
 import secrets
 import socket as sockets
@@ -40,6 +39,8 @@ __all__ = ["PORT", "application", "run"]
 #: Always the same, so that a browser finds again what it has kept for this address.
 PORT = 8732
 STATIC = Path(__file__).parent / "static"
+#: Of each file, whatever a machine takes its suffix for: a script of another type is not run.
+MEDIA = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 #: Uploads at once, and the seconds that one may take to arrive.
 UPLOADS = 16
 SLOWEST_UPLOAD = 30.0
@@ -99,8 +100,7 @@ def _pages(project: dict[str, Any] | None) -> list[Route]:
         path = found.get(request.path_params.get("path", "index.html"))
         if path is None:
             return _complaint(404, "there is no such file here; open the page itself")
-        media = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
-        return Response(path.read_bytes(), media_type=media)
+        return Response(path.read_bytes(), media_type=MEDIA.get(path.suffix, "text/plain"))
 
     async def start(_: Request) -> Response:
         return Response(text, media_type="application/json")
@@ -235,7 +235,7 @@ def run(
     token = None if local else secrets.token_urlsafe(32)
     named = f"[{host}]" if ":" in host else host
     names = {named.lower(), *(("127.0.0.1", "localhost", "[::1]") if local else ())}
-    hosts = {f"{name}:{port}" for name in names}
+    hosts = {f"{name}:{port}" for name in names} | (names if port == 80 else set())  # which browsers leave out
     link = f"http://{named}:{port}/" + (f"?token={token}" if token else "")
     config = uvicorn.Config(
         application(project, hosts=hosts, port=port, token=token), log_level="error", access_log=False,

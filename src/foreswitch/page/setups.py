@@ -16,7 +16,7 @@ from foreswitch.page.limits import LIMITS
 from foreswitch.plant import Plant
 from foreswitch.project import Project, Valve
 
-__all__ = ["Setup", "setup"]
+__all__ = ["SEED", "Setup", "setup"]
 
 #: Designs kept; the largest, a horizon's tables, take a few MB.
 KEPT = 8

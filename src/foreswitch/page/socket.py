@@ -17,6 +17,8 @@ from foreswitch.page.workers import Busy, Job, Overrun, Pool
 
 __all__ = ["KINDS", "Talk", "run_job"]
 
+#: Requests of one page that may wait for processes of one kind: each may hold as much as a message.
+LANES = 32
 #: Kind -> lane: nothing that takes seconds stands before what takes milliseconds.
 KINDS = {"look": "fast", "costs": "fast", "certify": "slow", "baseline": "slow"}
 
@@ -99,6 +101,10 @@ class Talk:
             return
         lane = KINDS[kind]
         older = self.waiting[lane].get((kind, key))
+        if older is None and len(self.waiting[lane]) >= LANES:
+            complaint = {"message": "too many requests wait; ask again when some are answered", "field": None}
+            await self.socket.send_bytes(pack({"id": name, "kind": kind, "error": complaint}))
+            return
         self.waiting[lane][kind, key] = (name, text.encode())  # in the older one's place
         self.news[lane].set()
         if older is not None:

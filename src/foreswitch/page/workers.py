@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import json
 import os
 import signal
@@ -98,15 +99,21 @@ class Pool:
         task.add_done_callback(self._starting.discard)
 
     async def _start_one(self) -> None:
-        worker = _Worker()
-        try:
-            await worker.start()
-        except BaseException:
-            if hasattr(worker, "process"):
-                await worker.stop()
-            raise
-        self._all.add(worker)
-        self._idle.put_nowait(worker)
+        """Until it succeeds: what the machine lacks now it may have later."""
+        for pause in itertools.chain((1.0, 2.0, 4.0, 8.0, 16.0), itertools.repeat(30.0)):
+            worker = _Worker()
+            try:
+                await worker.start()
+            except BaseException as error:
+                if hasattr(worker, "process"):
+                    await worker.stop()
+                if not isinstance(error, Exception):
+                    raise
+                await asyncio.sleep(pause)
+            else:
+                self._all.add(worker)
+                self._idle.put_nowait(worker)
+                return
 
     async def run(self, choose: Callable[[], Job]) -> tuple[dict[str, Any], bytes]:
         """One job's reply.

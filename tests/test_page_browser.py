@@ -130,7 +130,7 @@ def test_the_picture_follows_while_a_slider_is_dragged(visit, record_property):
     page.mouse.up()
     page.wait_for_timeout(500)
     times = page.evaluate("performance.getEntriesByName('slider to picture').map(each => each.duration)")
-    record_property("slider to picture, median [ms]", np.median(times))
+    record_property("slider to picture, median [ms]", float(np.median(times)))
     print(f"slider to picture: {len(times)} of 30, median {np.median(times):.0f} ms, worst {max(times):.0f} ms")
     assert len(times) >= 15
     assert np.median(times) <= GATE
@@ -272,6 +272,20 @@ def test_every_kind_of_reference_can_be_chosen(visit):
         one.until(f"document.querySelector('#summary').textContent !== {json.dumps(before)}")
         assert page.locator("#trouble").is_hidden(), kind
         assert one.project()["reference"]["kind"] == kind
+
+
+def test_a_reference_taken_seconds_ahead_has_a_field_of_its_own(visit):
+    one = visit()
+    page = one.go()
+    page.locator("#knob-controller-preview").select_option("seconds")
+    one.set("controller.preview.seconds", 0.005)
+    assert one.project()["controller"]["preview"] == 0.005
+    one.settled()
+    assert page.locator("#trouble").is_hidden()
+    page.reload()
+    one.settled()
+    assert page.locator("#knob-controller-preview").input_value() == "seconds"
+    assert page.locator("#knob-controller-preview-seconds").input_value() == "0.005"
 
 
 def test_several_inputs_have_a_dead_time_each(visit):
@@ -475,6 +489,20 @@ def test_a_file_that_is_no_project_gets_a_sentence_and_changes_nothing(visit, te
     one.wrong[:] = [each for each in one.wrong if "422" not in each]
 
 
+def test_a_project_too_large_for_the_server_is_told_and_the_connection_stays(visit):
+    one = visit()
+    page = one.go()
+    before = page.locator("#summary").inner_text()
+    one.set("simulation.x0", "[" + ", ".join(["0.123456789012345"] * 70_000) + "]")
+    page.locator("#trouble").wait_for(state="visible")
+    assert "1024 KiB" in page.locator("#trouble").inner_text()
+    page.wait_for_timeout(1000)
+    assert page.locator("#notice").is_hidden()
+    assert page.locator("#summary").inner_text() == before
+    one.set("simulation.x0", "")
+    page.locator("#trouble").wait_for(state="hidden")
+
+
 def test_a_mistake_in_a_project_is_told_beside_its_field(visit):
     one = visit()
     page = one.go()
@@ -669,6 +697,17 @@ def test_all_can_be_reached_by_the_tab_key_and_focus_is_seen(visit):
         names
     )
     assert [name for name, shown in seen if not shown] == []
+
+
+def test_the_settings_are_reached_at_once_and_the_link_stays_whole(visit):
+    one = visit()
+    page = one.go()
+    before = one.project()
+    page.locator("body").press("Tab")
+    page.keyboard.press("Enter")
+    assert page.evaluate("document.activeElement.id") == "panel"
+    assert page.locator("#notice").is_hidden()
+    assert one.project() == before
 
 
 def test_a_run_is_spoken_when_a_setting_is_done(visit):

@@ -14,6 +14,7 @@ const place = (path) => (path.startsWith("options.") ? path : `project.${path}`)
 /**
  * @typedef {object} Field
  * @property {string} path as the server names it in complaints
+ * @property {string} [key] of its own, where two fields are of one path
  * @property {string} label
  * @property {"number"|"choice"|"text"|"tick"} kind
  * @property {string} [unit]
@@ -185,7 +186,7 @@ function controllerFields(project, names) {
     ...(endpoint ? [] : [choice("controller.terminal", "Price of the end", [["none", "none"], ["riccati", "of ending away from rest"]], "none"),
       number("controller.node_budget", "Sequences tried at most", (value) => decades(value || 1000), { whole: true })]),
     previewField(endpoint),
-    ...(typeof controller.preview === "number" ? [number("controller.preview", "Seconds ahead", upTo(20 * Ts), { unit: "s" })] : []),
+    ...(typeof controller.preview === "number" ? [{ ...number("controller.preview", "Seconds ahead", upTo(20 * Ts), { unit: "s" }), key: "controller.preview.seconds" }] : []),
     choice("controller.real", "Arithmetic", [["float64", "double precision"], ["float32", "single precision"]], "float64"),
   ];
 }

@@ -3,8 +3,8 @@
 import { make } from "./dom.js";
 import { STEPS, clean, show } from "./scale.js";
 
-/** @param {string} path */
-const slug = (path) => `knob-${path.replaceAll(".", "-")}`;
+const keyOf = (field) => field.key ?? field.path;
+const slug = (field) => `knob-${keyOf(field).replaceAll(".", "-")}`;
 
 /** What one press of an arrow key adds in a number field: one in the second digit. */
 function nudge(value) {
@@ -19,7 +19,7 @@ function nudge(value) {
  */
 export function knobs(root, changed, describe) {
   let shape = "";
-  let rows = new Map(); // path -> {field, element, update, complaint}
+  let rows = new Map(); // key, most often the path -> {field, element, update, complaint}
   let folded = new Map(); // group -> open, as the reader left it
 
   /** own: seen here, so that what the server says of other fields does not end it. */
@@ -36,7 +36,7 @@ export function knobs(root, changed, describe) {
   function commit(row, value, done) {
     try {
       if (row.own) complainAt(row, "");
-      changed((state) => row.field.write(state, value), { path: row.field.path, done });
+      changed((state) => row.field.write(state, value), { path: keyOf(row.field), done });
     } catch (error) {
       complainAt(row, error.message, true);
     }
@@ -129,7 +129,7 @@ export function knobs(root, changed, describe) {
   const kinds = { number: numberRow, choice: choiceRow, text: textRow, tick: tickRow };
 
   function built(field) {
-    const id = slug(field.path);
+    const id = slug(field);
     const row = { field };
     const help = describe(field.path);
     row.complaint = make("p", { id: `${id}-complaint`, className: "complaint", hidden: true });
@@ -137,7 +137,7 @@ export function knobs(root, changed, describe) {
     row.element = make("div", { className: `knob ${field.kind}`, title: help }, ...parts, row.complaint,
       make("span", { id: `${id}-help`, hidden: true }, help));
     row.element.dataset.path = field.path;
-    rows.set(field.path, row);
+    rows.set(keyOf(field), row);
     return row.element;
   }
 
@@ -156,7 +156,7 @@ export function knobs(root, changed, describe) {
   root.addEventListener("submit", (event) => event.preventDefault());
   return {
     show(groups, state, afresh) {
-      const now = JSON.stringify(groups.map(({ id, title, fields }) => [id, title, fields.map(({ path, label, kind, unit, choices }) => [path, label, kind, unit, choices])]));
+      const now = JSON.stringify(groups.map(({ id, title, fields }) => [id, title, fields.map(({ key, path, label, kind, unit, choices }) => [key, path, label, kind, unit, choices])]));
       if (now !== shape) {
         shape = now;
         build(groups);
@@ -164,7 +164,7 @@ export function knobs(root, changed, describe) {
       }
       for (const { fields } of groups) {
         for (const field of fields) {
-          const row = rows.get(field.path);
+          const row = rows.get(keyOf(field));
           row.field = field;
           row.update(state, afresh);
         }

@@ -334,6 +334,11 @@ const tell = (event) => {
 document.addEventListener("focusin", tell);
 document.addEventListener("pointerover", tell);
 
+byId("skip").addEventListener("click", (event) => {
+  event.preventDefault(); // the address holds the settings
+  byId("panel").focus();
+});
+
 // Beginning ------------------------------------------------------------------------------------------------------------
 
 const links = address((next) => {
@@ -351,7 +356,7 @@ function whole(next) {
   return { ...empty, ...next, options: next.options ?? {}, view: { ...empty.view, ...next.view } };
 }
 
-const server = wire(({ open, wait }) => {
+const server = wire(start.limits.message, ({ open, wait }) => {
   notice("server", open ? "" : `The server does not answer; trying again in ${Math.ceil(wait / 1000)} s. Nothing is lost.`);
 });
 

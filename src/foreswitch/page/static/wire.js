@@ -1,9 +1,11 @@
 // One WebSocket: requests out, replies in. In each lane one request is under way and the newest waits, so that
-// nothing queues while a slider is dragged; after a broken connection what was under way is asked again.
+// nothing queues while a slider is dragged; after a broken connection what was under way is asked again. What takes
+// seconds is sent at once: the server leaves out what is out of date, and only the newest reply counts.
 
 /** Waits between attempts to connect: from the first to the longest [ms]. */
 const FIRST = 250;
 const LONGEST = 8000;
+const SLOW = ["certify", "baseline"];
 
 /**
  * Header and arrays of one binary message.
@@ -24,11 +26,12 @@ export function unpack(message) {
 }
 
 /**
+ * @param {number} limit of a message [bytes]; a longer one would end the connection
  * @param {(state: {open: boolean, wait: number}) => void} noticed of a connection lost, with the wait [ms], or found again
  * @returns {{ask: (kind: string, lane: string, body: object, answered: (reply: object) => void) => void}}
  */
-export function wire(noticed) {
-  const lanes = new Map(); // kind and lane -> {sent, next}, each {id, body, answered}
+export function wire(limit, noticed) {
+  const lanes = new Map(); // kind and lane -> {slow, sent, next}, each {id, text, answered}
   let socket = null;
   let wait = FIRST;
   let number = 0;
@@ -36,13 +39,14 @@ export function wire(noticed) {
   const open = () => socket?.readyState === WebSocket.OPEN;
 
   function send(lane) {
-    if (!open() || lane.sent || !lane.next) return;
-    lane.sent = { ...lane.next, id: ++number };
+    if (!open() || !lane.next || (lane.sent && !lane.slow)) return;
+    lane.sent = lane.next;
     lane.next = null;
-    socket.send(JSON.stringify({ id: lane.sent.id, ...lane.sent.body }));
+    socket.send(lane.sent.text);
   }
 
   function received(event) {
+    wait = FIRST;
     const reply = unpack(event.data);
     const lane = [...lanes.values()].find((each) => each.sent?.id === reply.id);
     if (!lane) return;
@@ -68,7 +72,6 @@ export function wire(noticed) {
     socket.onmessage = received;
     socket.onclose = lost;
     socket.onopen = () => {
-      wait = FIRST;
       noticed({ open: true, wait: 0 });
       for (const lane of lanes.values()) send(lane);
     };
@@ -78,9 +81,17 @@ export function wire(noticed) {
   return {
     ask(kind, name, body, answered) {
       const key = `${kind} ${name}`;
-      const lane = lanes.get(key) ?? { sent: null, next: null };
+      const lane = lanes.get(key) ?? { slow: SLOW.includes(kind), sent: null, next: null };
       lanes.set(key, lane);
-      lane.next = { body: { kind, lane: name, ...body }, answered };
+      const id = ++number;
+      const text = JSON.stringify({ id, kind, lane: name, ...body });
+      if (new Blob([text]).size > limit) {
+        lane.sent = lane.next = null; // what was asked before is out of date
+        const message = `The settings are larger than the ${Math.floor(limit / 1024)} KiB that the server reads at once; shorten their lists`;
+        setTimeout(() => answered({ id, kind, error: { message, field: null } }));
+        return;
+      }
+      lane.next = { id, text, answered };
       send(lane);
     },
   };

@@ -201,6 +201,40 @@ def test_the_band_is_called_old_until_the_new_proof_is_there(visit, width):
     assert "8." in page.locator("#proof").inner_text()
 
 
+def test_a_proof_that_comes_before_its_run_waits_for_it(visit):
+    one = visit()
+    page = one.page
+    page.add_init_script(
+        """{
+            const send = WebSocket.prototype.send; // each run is asked for later than its proof
+            WebSocket.prototype.send = function (text) {
+                if (window.late && JSON.parse(text).kind === "look") setTimeout(() => send.call(this, text), 2500);
+                else send.call(this, text);
+            };
+        }"""
+    )
+    one.go()
+    before = page.locator("#summary").inner_text()
+    page.evaluate("window.late = true")
+    one.set("controller.Td", 0.03)
+    page.wait_for_timeout(2000)
+    assert page.locator("#summary").inner_text() == before
+    assert page.locator("#proof").inner_text() == "Looking for a proof …"
+    assert "settings before" in page.locator("#legend").inner_text()
+    one.until(f"document.querySelector('#summary').textContent !== {json.dumps(before)}")
+    one.settled()
+
+
+def test_what_was_thought_at_the_cursor_is_of_the_run_shown(visit):
+    one = visit()
+    page = one.go()
+    one.set("controller.Td", 0.0001)
+    page.locator("#trouble").wait_for(state="visible")
+    page.locator("#cursor").focus()
+    page.keyboard.press("ArrowRight")
+    one.shows("#costs caption", "0.201 s")
+
+
 def test_where_nothing_is_proven_a_sentence_says_why(visit):
     one = visit()
     page = one.go()

@@ -28,7 +28,8 @@ const fresh = (project) => ({ v: 1, project, options: {}, view: { pins: [], base
 
 let state = fresh(start.project);
 let run = null; // the last run that could be made
-let proof; // of the present settings; undefined: not there yet
+let proof; // of the present settings, once their run is shown; undefined: not there yet
+let early; // one that came before its run
 let good = { key: "", settings: null, proof: undefined }; // of that run
 let refused = ""; // settings of which no run can be made
 let rests = []; // timers of the slow questions
@@ -38,6 +39,8 @@ const beside = new Map(); // lane -> {key, run, proof, error}: pinned runs and b
 
 const asked = ({ project, options }) => ({ project, options });
 const key = (each) => JSON.stringify([each.project, each.options]);
+/** Settings of what is shown beside the run: the present ones, or where no run can be made of them those before. */
+const meant = () => (refused === key(state) && run ? good.settings : asked(state));
 const numbers = new Map(); // of pinned settings, for the names of their lanes
 const laneOf = (pin) => {
   if (!numbers.has(key(pin))) numbers.set(key(pin), numbers.size);
@@ -79,14 +82,14 @@ function look(begun) {
     trouble(null);
     refused = "";
     const current = key(mine) === key(state);
-    if (good.key !== key(mine)) good = { key: key(mine), settings: mine, proof: current ? proof : undefined };
+    if (good.key !== key(mine)) good = { key: key(mine), settings: mine, proof: current ? early : undefined };
     run = reply;
     drawing.show(run, state.view.step, dragging);
-    if (current && proof) proved(proof); // it may have come first
+    if (current && good.proof) proved(good.proof); // it may have come first
     byId("summary").textContent = summary(run);
     table();
     if (begun !== undefined) painted(begun);
-    if (!dragging) speak(summary(run));
+    if (!dragging && current) speak(summary(run));
     clearTimeout(thinking);
     thinking = setTimeout(think, dragging ? REST.costs : 0);
   });
@@ -99,6 +102,7 @@ function refuse(error) {
   trouble(error);
   proved(good.proof);
   if (run && !good.proof) prove(good.settings);
+  rests = [setTimeout(others, REST.search)];
 }
 
 /** Notes the time from an event to the picture it led to, once that is painted. */
@@ -116,7 +120,7 @@ function painted(begun) {
 function think() {
   if (!run) return;
   const of = run;
-  server.ask("costs", "", { ...asked(state), step: drawing.step() }, (reply) => {
+  server.ask("costs", "", { ...good.settings, step: drawing.step() }, (reply) => {
     if (of !== run) return;
     drawing.thought(reply.error ? null : reply);
     showCosts(reply, run);
@@ -129,7 +133,8 @@ function prove(mine = asked(state)) {
     const found = reply.error ? { holds: false, reasons: [reply.error.message] } : reply;
     const seen = key(mine) === good.key;
     if (seen) good.proof = found;
-    if (key(mine) === key(state) || (seen && key(state) === refused)) proved(found);
+    else if (key(mine) === key(state)) early = found;
+    if (seen && [key(mine), refused].includes(key(state))) proved(found);
   });
 }
 
@@ -144,7 +149,7 @@ function proved(found) {
 /** Pinned runs and baselines that are shown but not there yet. */
 function others() {
   const wanted = new Map(state.view.pins.map((pin) => [laneOf(pin), { kind: "look", ...asked(pin) }]));
-  for (const which of state.view.baselines) wanted.set(which, { kind: "baseline", which, ...asked(state) });
+  for (const which of state.view.baselines) wanted.set(which, { kind: "baseline", which, ...meant() });
   for (const lane of beside.keys()) if (!wanted.has(lane)) beside.delete(lane);
   for (const [lane, { kind, ...body }] of wanted) {
     const mine = key(body);
@@ -154,7 +159,7 @@ function others() {
     const current = () => beside.get(lane)?.key === mine;
     server.ask(kind, lane, body, (reply) => {
       if (!current()) return;
-      beside.set(lane, reply.error ? { key: mine, error: reply.error } : { key: mine, run: reply });
+      beside.set(lane, { key: mine, proof: beside.get(lane).proof, ...(reply.error ? { error: reply.error } : { run: reply }) });
       overlays();
     });
     if (kind === "look") {
@@ -173,14 +178,19 @@ function drawn() {
   const pins = state.view.pins.map((pin, i) => ({ label: pin.name, lane: laneOf(pin), colour: i }));
   const laws = BASELINES.filter(([which]) => state.view.baselines.includes(which))
     .map(([which, words]) => ({ label: words, lane: which, colour: state.view.pins.length + BASELINES.findIndex(([each]) => each === which), law: true }));
-  return [...pins, ...laws].map((each) => ({ ...each, ...beside.get(each.lane) }));
+  const present = key(meant());
+  return [...pins, ...laws].map((each) => {
+    const held = beside.get(each.lane);
+    const waiting = Boolean(held?.waiting || (each.law && held && held.key !== present));
+    return { ...each, ...held, waiting, label: waiting && each.law ? `${each.label} (being tuned …)` : each.label };
+  });
 }
 
 function overlays() {
   const there = drawn();
   const alike = (each) => each.run && run && String(each.run.outputs) === String(run.outputs);
   drawing.overlay(there.filter(alike).map((each) => ({ t: each.run.t, y: each.run.y, colour: each.colour, fresh: !each.waiting })));
-  comparing.show(state.view, Object.fromEntries(there.filter((each) => each.law).map((each) => [each.lane, { error: each.error, parameters: each.run?.parameters }])));
+  comparing.show(state.view, Object.fromEntries(there.filter((each) => each.law).map((each) => [each.lane, each.waiting ? {} : { error: each.error, parameters: each.run?.parameters }])));
   legend();
   table();
 }
@@ -212,13 +222,13 @@ function become(next, { what = "", begun, dragged = false, afresh = false } = {}
   fields.show(groups(state), state, afresh);
   links.note(state, what);
   if (differs || !run) {
-    proof = undefined;
+    proof = early = undefined;
     drawing.dim();
     byId("proof").textContent = "Looking for a proof …";
     look(begun);
   } else if (letGo) {
     drawing.show(run, state.view.step, false);
-    speak(summary(run));
+    if (good.key === key(state)) speak(summary(run)); // else once it is there
   }
   if (!differs && proof !== undefined) {
     others();
@@ -226,7 +236,8 @@ function become(next, { what = "", begun, dragged = false, afresh = false } = {}
   }
   for (const timer of rests) clearTimeout(timer);
   rests = [setTimeout(() => prove(), REST.proof), setTimeout(others, REST.search)];
-  legend();
+  if (state.view.baselines.length) overlays(); // those of the settings before are marked
+  else legend();
 }
 
 /** Why a project cannot even be shown; other mistakes are told beside their fields. */

@@ -286,8 +286,8 @@ export function picture(moved) {
   return {
     /** A run, with the cursor's step (null: a third of the way) and whether a slider is being dragged. */
     show(reply, step, dragged) {
+      if (reply !== run) thought = null; // of the run before
       run = reply;
-      thought = null; // of the run before
       calm = dragged;
       if (stretch && stretch[1] > run.t.at(-1)) stretch = null;
       cursor = Math.min(step ?? Math.floor(run.u[0].length / 3), run.u[0].length - 1);

@@ -235,6 +235,16 @@ def test_what_was_thought_at_the_cursor_is_of_the_run_shown(visit):
     one.shows("#costs caption", "0.201 s")
 
 
+def test_a_proof_of_the_model_alone_is_not_called_one_of_the_run(visit):
+    one = visit()
+    page = one.go()
+    one.set("simulation.hardware.opening", 0.002)
+    one.shows("#proof", "Proven for the model alone")
+    one.shows("#legend", "of the model alone")
+    assert "(model only)" in page.locator("#figures tbody td").last.inner_text()
+
+
+
 def test_where_nothing_is_proven_a_sentence_says_why(visit):
     one = visit()
     page = one.go()
@@ -363,6 +373,36 @@ def test_an_empty_number_and_a_list_that_is_none_are_told_at_once(visit):
     assert one.page.locator("#trouble").is_hidden()
 
 
+def test_a_number_below_one_can_be_typed_into_an_entry_of_a_matrix(visit):
+    one = visit()
+    page = one.go()
+    page.locator("#knob-plant-model").select_option("state_space")
+    entry = page.locator("[data-path^='plant.B.'] input[type=number]").first
+    entry.evaluate("each => (each.closest('details').open = true)")
+    entry.fill("")
+    entry.press_sequentially("0.5")
+    assert entry.input_value() == "0.5"
+    entry.blur()
+    assert 0.5 in [value for row in one.project()["plant"]["B"] for value in (row if isinstance(row, list) else [row])]
+
+
+def test_going_back_writes_the_field_in_focus_and_ends_its_complaint(visit):
+    one = visit()
+    page = one.go()
+    one.project()
+    one.set("controller.Td", 0.03)
+    one.project()
+    field = page.locator("#knob-controller-Td")
+    field.focus()
+    field.fill("")
+    complaint = page.locator("[data-path='controller.Td'] .complaint")
+    assert complaint.is_visible()
+    page.go_back()
+    one.until("document.querySelector('#knob-controller-Td').value === '0.02'")
+    assert complaint.is_hidden()
+
+
+
 def test_what_the_model_does_not_know_is_simulated_and_proven(visit):
     one = visit()
     page = one.go()
@@ -397,6 +437,34 @@ def test_runs_are_pinned_drawn_beside_used_and_removed(visit, width):
     page.get_by_role("button", name="Remove as it was").click()
     row.wait_for(state="detached")
     assert "as it was" not in page.locator("#legend").inner_text()
+
+
+def test_the_focus_stays_among_the_runs_when_one_is_removed(visit):
+    one = visit()
+    page = one.go()
+    one.tab("Compare")
+    for name in ("a", "b"):
+        page.locator("#pin-name").fill(name)
+        page.keyboard.press("Enter")
+    for name, after in (("a", "Remove b"), ("b", None)):
+        page.get_by_role("button", name=f"Remove {name}").focus()
+        page.keyboard.press("Enter")
+        page.get_by_role("button", name=f"Remove {name}").wait_for(state="detached")
+        assert page.evaluate("document.activeElement.getAttribute('aria-label')") == after
+    assert page.evaluate("document.activeElement.id") == "pin-name"
+
+
+def test_simple_laws_of_settings_before_are_marked(visit):
+    one = visit()
+    page = one.go()
+    one.tab("Compare")
+    page.locator("#baseline-relay").check()
+    one.shows("#baseline-relay-about", "hysteresis")
+    one.tab("Tune")
+    one.set("plant.k", 15000)
+    one.shows("#legend", "being tuned")
+    one.until("!document.querySelector('#legend').textContent.includes('being tuned')")
+
 
 
 @wide_and_narrow
@@ -571,6 +639,37 @@ def test_the_address_keeps_everything_over_a_reload_and_for_others(visit, width)
 def test_a_damaged_link_is_told_and_an_example_shown(visit, broken):
     page = visit().go(broken)
     assert "link is damaged" in page.locator("#notice").inner_text()
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        {"view": {"pins": 5}},
+        {"view": {"pins": [None]}},
+        {"view": {"pins": [{"name": "a", "project": {}}]}},
+        {"view": {"step": -1}},
+        {"options": 3},
+    ],
+)
+def test_a_link_with_an_odd_view_is_told(visit, odd):
+    one = visit()
+    page = one.go()
+    link = page.evaluate(
+        "odd => fetch('/start.json').then(each => each.json()).then(start => import('/static/link.js')"
+        ".then(link => link.encode({ v: 1, project: start.project, ...odd })))",
+        odd,
+    )
+    assert "link is damaged" in visit().go(f"#{link}").locator("#notice").inner_text()
+
+
+def test_settings_too_long_for_an_address_are_told(visit):
+    one = visit()
+    page = one.page
+    page.add_init_script("window.btoa = () => 'A'.repeat(2_000_000)")
+    one.go()
+    one.set("controller.Td", 0.03)
+    one.shows("#notice", "too long for an address")
+
 
 
 def test_the_back_button_undoes_a_drag_as_one(visit):

@@ -9,9 +9,10 @@ const PAUSE = 200;
 
 /**
  * @param {(state: object|null) => void} arrived called with the state of an address gone to; null: damaged
+ * @param {(long: boolean) => void} told called whenever the address follows, or not: the state is too long for it
  * @returns {{read: () => Promise<object|null|undefined>, note: (state: object, what: string) => void}}
  */
-export function address(arrived) {
+export function address(arrived, told) {
   let written = location.hash.slice(1);
   let last = { what: "", at: -Infinity };
   let waiting = null;
@@ -20,6 +21,7 @@ export function address(arrived) {
     const { state, push } = waiting;
     waiting = null;
     const text = await encode(state);
+    told(!text);
     if (text === written) return;
     written = text;
     history[push ? "pushState" : "replaceState"](null, "", text ? `#${text}` : location.pathname);

@@ -47,6 +47,8 @@ export function comparePanel(acts) {
       const now = JSON.stringify(view.pins.map((pin) => pin.name));
       if (now !== listed) {
         listed = now;
+        const buttons = () => [...byId("pins").querySelectorAll("button")];
+        const at = buttons().indexOf(document.activeElement);
         byId("pins").replaceChildren(...view.pins.map((pin, i) => {
           const use = make("button", { type: "button", "aria-label": `Set everything as in ${pin.name}` }, "Use");
           const remove = make("button", { type: "button", "aria-label": `Remove ${pin.name}` }, "Remove");
@@ -54,6 +56,7 @@ export function comparePanel(acts) {
           remove.addEventListener("click", () => acts.unpin(i));
           return make("li", {}, swatch(otherColour(i), DASHES[i % 4]), make("span", {}, pin.name), use, remove);
         }));
+        if (at >= 0) (buttons()[at] ?? buttons().at(-1) ?? name).focus(); // on what follows
       }
       for (const [which, { box, about }] of boxes) {
         const on = view.baselines.includes(which);

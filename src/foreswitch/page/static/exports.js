@@ -33,7 +33,8 @@ export function exportsPanel(current, speak) {
       const complaint = make("p", { className: "complaint", id: `export-${name.split(".")[0]}-complaint`, hidden: true });
       const button = make("button", { type: "button", "aria-describedby": complaint.id }, `Save ${name}`);
       button.addEventListener("click", async () => {
-        button.disabled = true;
+        if (button.getAttribute("aria-disabled")) return; // not "disabled", which would take the focus away
+        button.setAttribute("aria-disabled", "true");
         complaint.hidden = true;
         try {
           const { project, options } = current();
@@ -43,7 +44,7 @@ export function exportsPanel(current, speak) {
           complaint.textContent = sentence(error.message);
           complaint.hidden = false;
         }
-        button.disabled = false;
+        button.removeAttribute("aria-disabled");
       });
       return make("div", { className: "offer" }, make("h3", {}, title), make("p", {}, about), button, complaint);
     }),

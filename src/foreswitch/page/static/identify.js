@@ -89,9 +89,12 @@ export function identifyPanel({ use, speak }) {
   chosen.addEventListener("submit", async (event) => {
     event.preventDefault();
     const button = chosen.querySelector("button");
-    button.disabled = true;
+    if (button.getAttribute("aria-disabled")) return; // not "disabled", which would take the focus away
+    button.setAttribute("aria-disabled", "true");
     button.textContent = "Identifying …";
     const asked = record;
+    const wanted = JSON.stringify(asked.picked);
+    const current = () => asked === record && JSON.stringify(record.picked) === wanted;
     try {
       const { structure, ...picked } = asked.picked;
       const query = new URLSearchParams({ structure }); // columns by number, so that their names may be anything
@@ -99,7 +102,7 @@ export function identifyPanel({ use, speak }) {
         for (const name of [names].flat()) query.append(key, asked.columns.columns.indexOf(name) + 1);
       }
       const reply = unpack(await (await request(`/identify?${query}`, new Blob([asked.text]))).arrayBuffer());
-      if (asked === record) {
+      if (current()) {
         record.reply = reply;
         complain(null);
         drawRecord();
@@ -107,9 +110,9 @@ export function identifyPanel({ use, speak }) {
         speak(`identified: ${[reply.fit.structure].flat().join(", ")}; fit ${percent(reply.fit)}`);
       }
     } catch (error) {
-      complain(error);
+      if (current()) complain(error);
     }
-    button.disabled = false;
+    button.removeAttribute("aria-disabled");
     button.textContent = "Identify";
   });
 

@@ -79,6 +79,7 @@ export function knobs(root, changed, describe) {
         complainAt(row, `${field.label} is empty; give a number`, true);
         return;
       }
+      if (!done && value === 0) return; // more may follow, as in 0.5
       place(value, done && !(holds(value) && scale.low !== 0));
       commit(row, value, done);
     };
@@ -87,7 +88,7 @@ export function knobs(root, changed, describe) {
     row.inputs = [entry, slider];
     row.update = (state, afresh) => {
       const value = field.read(state);
-      if (document.activeElement !== entry) entry.value = value ?? "";
+      if (document.activeElement !== entry || (afresh && entry.valueAsNumber !== value)) entry.value = value ?? "";
       entry.step = field.whole ? 1 : nudge(value ?? 0);
       const busy = [entry, slider].includes(document.activeElement);
       if (afresh || !scale) place(value, true);
@@ -111,8 +112,8 @@ export function knobs(root, changed, describe) {
     const entry = make("input", { type: "text", id, spellcheck: false, "aria-describedby": described });
     entry.addEventListener("change", () => commit(row, entry.value, true));
     row.inputs = [entry];
-    row.update = (state) => {
-      if (document.activeElement !== entry) entry.value = field.read(state);
+    row.update = (state, afresh) => {
+      if (document.activeElement !== entry || afresh) entry.value = field.read(state);
     };
     return [make("label", { for: id }, field.label, field.unit ? make("span", { className: "unit" }, ` ${field.unit}`) : ""), entry];
   }
@@ -166,6 +167,7 @@ export function knobs(root, changed, describe) {
         for (const field of fields) {
           const row = rows.get(keyOf(field));
           row.field = field;
+          if (afresh && row.own) complainAt(row, "");
           row.update(state, afresh);
         }
       }

@@ -56,6 +56,7 @@ function speak(text) {
 /** One sentence for each matter: the server, a file, a link. */
 const notices = new Map();
 function notice(matter, text) {
+  if ((notices.get(matter) ?? "") === text) return; // not spoken again
   notices.set(matter, text);
   byId("notice").textContent = [...notices.values()].filter(Boolean).join(" ");
   byId("notice").hidden = !byId("notice").textContent;
@@ -140,7 +141,7 @@ function prove(mine = asked(state)) {
 
 function proved(found) {
   proof = found;
-  drawing.band(found?.holds && found.low ? { ...found, fresh: true } : null);
+  drawing.band(found?.holds && found.low ? { ...found, fresh: !found.covers } : null);
   byId("proof").textContent = run && found ? verdict(found, run.outputs) : "";
   legend();
   table();
@@ -198,7 +199,7 @@ function overlays() {
 function legend() {
   const item = (mark, text) => make("li", {}, mark, text);
   const lines = [item(swatch("output"), "output"), item(swatch("reference", [6, 4]), "reference")];
-  if (drawing.banded()) lines.push(item(make("span", { className: "swatch area" }), proof ? "proven band" : "proven band, of the settings before"));
+  if (drawing.banded()) lines.push(item(make("span", { className: "swatch area" }), !proof ? "proven band, of the settings before" : proof.covers ? "proven band, of the model alone" : "proven band"));
   for (const each of drawn()) if (each.run) lines.push(item(swatch(otherColour(each.colour), DASHES[each.colour % 4]), each.label));
   byId("legend").replaceChildren(...lines);
 }
@@ -353,13 +354,18 @@ byId("skip").addEventListener("click", (event) => {
 // Beginning ------------------------------------------------------------------------------------------------------------
 
 const links = address((next) => {
-  if (!next || flaw(next.project)) {
+  if (damaged(next)) {
     notice("link", "This link is damaged; the settings before it are kept.");
     links.note(state, "");
     return;
   }
   become(whole(next), { afresh: true });
-});
+}, (long) => notice("long", long ? "These settings are too long for an address; save the project file to keep them." : ""));
+
+/** Whether nothing can be shown of a link. */
+function damaged(next) {
+  return !next || [next, ...(next.view?.pins ?? [])].some((each) => flaw(each.project));
+}
 
 /** With everything that a link made by hand may leave out. */
 function whole(next) {
@@ -372,7 +378,7 @@ const server = wire(start.limits.message, ({ open, wait }) => {
 });
 
 const linked = await links.read();
-const sound = linked && !flaw(linked.project);
+const sound = linked && !damaged(linked);
 if (linked !== undefined && !sound) notice("link", "This link is damaged; here is what the server began with instead.");
 become(sound ? whole(linked) : state, { afresh: true });
 identifying.restore();

@@ -21,7 +21,11 @@ export function themeSwitch(changed) {
     const next = ORDER[now()];
     if (next === "auto") delete root.dataset.theme;
     else root.dataset.theme = next;
-    localStorage.setItem("foreswitch.theme", next);
+    try {
+      localStorage.setItem("foreswitch.theme", next);
+    } catch {
+      // without storage it lasts until the page is left
+    }
     label();
     changed();
   });

@@ -40,7 +40,9 @@ export function summary(run) {
 export function verdict(proof, outputs) {
   if (!proof.holds) return `Not proven: ${sentence(proof.reasons?.[0] ?? "")}`;
   const bounds = outputs.map((name, q) => `${withUnit(proof.error_bound[q], name)}${outputs.length > 1 ? ` (${bare(name)})` : ""}`);
-  return `Proven: at no time further than ${bounds.join(", ")} from the ideal response (the shaded band).`;
+  const within = `at no time further than ${bounds.join(", ")} from the ideal response (the shaded band)`;
+  if (proof.covers) return `Proven for the model alone: ${within}; ${sentence(proof.covers)}`;
+  return `Proven: ${within}.`;
 }
 
 /**
@@ -66,7 +68,7 @@ export function figures(metrics, outputs, proof) {
   const { rms_error, lag, rms_error_at_lag, max_error, switches, on_time } = lists(metrics);
   const inUnit = (values) => values.map((value, q) => withUnit(value, outputs[q])).join(", ");
   const times = (values) => values.map(time).join(", ");
-  const bound = proof === undefined ? "…" : proof === null ? "" : proof.holds ? inUnit(proof.error_bound) : "none";
+  const bound = proof === undefined ? "…" : proof === null ? "" : proof.holds ? `${inUnit(proof.error_bound)}${proof.covers ? " (model only)" : ""}` : "none";
   return [
     inUnit(rms_error), times(lag), inUnit(rms_error_at_lag), inUnit(max_error), switches.join(", "), times(on_time), bound,
   ];

@@ -244,7 +244,6 @@ def test_a_proof_of_the_model_alone_is_not_called_one_of_the_run(visit):
     assert "(model only)" in page.locator("#figures tbody td").last.inner_text()
 
 
-
 def test_where_nothing_is_proven_a_sentence_says_why(visit):
     one = visit()
     page = one.go()
@@ -402,7 +401,6 @@ def test_going_back_writes_the_field_in_focus_and_ends_its_complaint(visit):
     assert complaint.is_hidden()
 
 
-
 def test_what_the_model_does_not_know_is_simulated_and_proven(visit):
     one = visit()
     page = one.go()
@@ -464,7 +462,6 @@ def test_simple_laws_of_settings_before_are_marked(visit):
     one.set("plant.k", 15000)
     one.shows("#legend", "being tuned")
     one.until("!document.querySelector('#legend').textContent.includes('being tuned')")
-
 
 
 @wide_and_narrow
@@ -669,7 +666,6 @@ def test_settings_too_long_for_an_address_are_told(visit):
     one.go()
     one.set("controller.Td", 0.03)
     one.shows("#notice", "too long for an address")
-
 
 
 def test_the_back_button_undoes_a_drag_as_one(visit):

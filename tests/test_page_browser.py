@@ -477,7 +477,7 @@ def test_simple_laws_are_one_click_away(visit, width):
         page.locator(f"#baseline-{which}").check()
         page.locator(f"#figures tr:has-text('{name}')").wait_for(timeout=60_000)
     assert page.locator("#figures tbody tr").count() == 4
-    assert "hysteresis" in page.locator("#baseline-relay-about").inner_text()
+    assert "kPa, lead" in page.locator("#baseline-relay-about").inner_text()
     page.locator("#baseline-relay").uncheck()
     page.locator("#figures tr:has-text('relay')").wait_for(state="detached")
 
@@ -504,7 +504,7 @@ def test_a_record_becomes_a_model_that_is_used(visit, width, tmp_path):
             strict=False,
         )
     )
-    assert abs(float(rows["delay"]) - 0.005) < 0.001
+    assert abs(float(rows["delay [s]"]) - 0.005) < 0.001
     assert page.locator("#record-picture canvas").count() == 3  # measured and fit, command, averaged pulse
     page.reload()
     one.tab("Identify")

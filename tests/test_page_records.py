@@ -67,7 +67,10 @@ def test_a_record_gives_the_plant_of_the_library(record):
     header, arrays = identified(record.read_bytes(), time=["t"], input=["2"], output=["pressure [kPa]"])
     fit = fsw.identify(fsw.Record.read_csv(record))
     assert header["fit"]["parameters"] == clean(
-        {n: {"value": v, "standard_error": e} for n, (v, e) in fit.parameters.items()}
+        {
+            n: {"value": v, "standard_error": e, "unit": u}
+            for (n, (v, e)), u in zip(fit.parameters.items(), ("s", "kPa/s", "s"), strict=True)
+        }
     )
     assert header["fit"]["warnings"] == fit.warnings
     assert header["fit"]["structure"] == ["integrator+lag"]
@@ -80,6 +83,17 @@ def test_a_record_gives_the_plant_of_the_library(record):
     assert np.abs(arrays["pulse_mean"] - arrays["pulse_model"]).max() < 1.0
     assert arrays["pulse_mean"][0, -1] == pytest.approx(16.5, abs=1.0)
     assert Project(header["project"], None).plant.input_delay[0] == pytest.approx(fit.plant.input_delay[0], rel=1e-9)
+
+
+def test_every_parameter_has_its_unit(record):
+    fields, _ = identified(record.read_bytes(), structure=["integrator+lag"])
+    assert {name: each["unit"] for name, each in fields["fit"]["parameters"].items()} == {
+        "c": "s", "k": "kPa/s", "delay": "s"
+    }  # fmt: skip
+    fields, _ = identified(record.read_bytes().replace(b"valve [-]", b"duty [%]"), structure=["lag"])
+    assert {name: each["unit"] for name, each in fields["fit"]["parameters"].items()} == {
+        "T": "s", "K": "kPa/%", "delay": "s"
+    }  # fmt: skip
 
 
 def test_a_record_by_the_clock_is_drawn_from_its_beginning(record):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import tempfile
 import tomllib
 from collections.abc import Iterator
@@ -132,11 +133,38 @@ def _column(name: str) -> str | int:
 def _told(fit: Fit) -> dict[str, Any]:
     return {
         "structure": np.atleast_1d(fit.structure).tolist(),
-        "parameters": {name: {"value": v, "standard_error": e} for name, (v, e) in fit.parameters.items()},
+        "parameters": {
+            name: {"value": value, "standard_error": error, "unit": _unit(fit, name)}
+            for name, (value, error) in fit.parameters.items()
+        },
         "fit_percent": np.ravel(fit.fit_percent),
         "candidates": [asdict(each) for each in fit.candidates],
         "warnings": fit.warnings,
     }
+
+
+def _unit(fit: Fit, name: str) -> str:
+    """Of an identified parameter; nothing where it has none, or no short one."""
+    base, _, mark = name.partition("_")
+    kind = base.rstrip("0123456789")
+    if kind in ("delay", "T", "c"):
+        return "s"
+    if kind == "omega":
+        return "rad/s"
+    if kind not in ("k", "K"):
+        return ""
+    several = fit.plant.outputs > 1
+    o = int(mark[0]) - 1 if several else 0
+    j = int(mark[-1]) - 1 if fit.plant.inputs > 1 else 0
+    units = [_in_brackets(names[i]) for names, i in ((fit.record.output_names, o), (fit.record.input_names, j))]
+    integrators = fit.estimate.problem.structures[o].integrators
+    slope = (units[0] or "1") + ("/s" if integrators == 1 else f"/s^{integrators}" if integrators else "")
+    return "" if slope == "1" else f"{slope}/{units[1]}" if units[1] not in ("", "-", "1") else slope
+
+
+def _in_brackets(name: str) -> str:
+    hit = re.search(r"\[([^\[\]]*)\]\s*$", name)
+    return hit[1].strip() if hit else ""
 
 
 def _followed(fit: Fit) -> Array:

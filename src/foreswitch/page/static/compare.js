@@ -3,8 +3,16 @@
 import { byId, make } from "./dom.js";
 import { DASHES, otherColour } from "./colours.js";
 import { show } from "./scale.js";
+import { unitOf } from "./sizes.js";
 
 export const BASELINES = [["relay", "relay with hysteresis"], ["pi_pwm", "PI with pulse width modulation"], ["smith_pwm", "Smith predictor with pulse width modulation"]];
+
+/** Unit of a simple law's parameter, where the output has unit y. */
+function measure(key, y) {
+  const one = { lead: "s", carrier: "s", preview: "s", hysteresis: y, deadband: y };
+  const gain = { kp: "1/", ki: "1/s/", kd: "s/", kf: "s/" }[key];
+  return one[key] ?? (gain && y ? gain + y : "");
+}
 
 /**
  * A line of the legend: colour and dashes as drawn.
@@ -64,7 +72,7 @@ export function comparePanel(acts) {
         const found = baselines[which];
         about.classList.toggle("complaint", Boolean(on && found?.error));
         about.textContent = !on ? "" : found?.error ? found.error.message
-          : found?.parameters ? Object.entries(found.parameters).map(([key, value]) => `${key} ${show(value)}`).join(", ") : "being tuned …";
+          : found?.parameters ? Object.entries(found.parameters).map(([key, value]) => `${key} ${show(value)} ${measure(key, unitOf(found.outputs?.[0]))}`.trim()).join(", ") : "being tuned …";
       }
     },
   };

@@ -6,7 +6,7 @@ import { sentence } from "./words.js";
 
 const FILES = [
   ["project.toml", "Project file", "Everything set here, for the command line and for this page."],
-  ["report.html", "Report", "Picture, figures and certificate on one page."],
+  ["report.html", "Report", "The run on one page: picture, figures, controller and plant."],
   ["firmware.zip", "C sources", "The controller for your microcontroller, with a self-test."],
   ["controller.fmu", "FMU", "The controller for Simulink, Modelica and others."],
 ];

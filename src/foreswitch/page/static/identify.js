@@ -148,7 +148,7 @@ export function identifyPanel({ use, speak }) {
       return;
     }
     const { fit } = reply;
-    const rows = Object.entries(fit.parameters).map(([name, each]) => [name, show(each.value, 5), `± ${show(each.standard_error, 2)}`]);
+    const rows = Object.entries(fit.parameters).map(([name, each]) => [each.unit ? `${name} [${each.unit}]` : name, show(each.value, 5), `± ${show(each.standard_error, 2)}`]);
     const better = fit.candidates ?? [];
     const button = make("button", { type: "button", className: "main" }, "Use this model");
     button.addEventListener("click", () => use(reply));

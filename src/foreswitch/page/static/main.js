@@ -191,7 +191,7 @@ function overlays() {
   const there = drawn();
   const alike = (each) => each.run && run && String(each.run.outputs) === String(run.outputs);
   drawing.overlay(there.filter(alike).map((each) => ({ t: each.run.t, y: each.run.y, colour: each.colour, fresh: !each.waiting })));
-  comparing.show(state.view, Object.fromEntries(there.filter((each) => each.law).map((each) => [each.lane, each.waiting ? {} : { error: each.error, parameters: each.run?.parameters }])));
+  comparing.show(state.view, Object.fromEntries(there.filter((each) => each.law).map((each) => [each.lane, each.waiting ? {} : { error: each.error, parameters: each.run?.parameters, outputs: each.run?.outputs }])));
   legend();
   table();
 }

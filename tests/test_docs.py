@@ -315,7 +315,8 @@ def test_every_make_that_a_page_tells_is_a_target():
 def test_every_file_that_a_page_names_exists():
     for page in PAGES:
         for path in re.findall(r"`((?:tests|core|examples|docs|src)/[\w./]+)`", page.read_text(encoding="utf-8")):
-            assert (ROOT / path).exists(), f"{page.name} names {path}"
+            built = path.startswith("docs/_build/")  # by make docs
+            assert built or (ROOT / path).exists(), f"{page.name} names {path}"
 
 
 def test_every_page_is_in_the_table_of_contents_once():

@@ -27,38 +27,16 @@ from typer.testing import CliRunner
 from foreswitch import Hardware, Status, cli, compare_precision, report
 from foreswitch.demo import Demo, hot_gas_file, run_demo
 from foreswitch.export import firmware_figures
-from foreswitch.project import (
-    ActuatorTable,
-    Choice,
-    ControllerTable,
-    EstimatorTable,
-    HardwareTable,
-    PlantTable,
-    Project,
-    ReferenceTable,
-    SimulationTable,
-    StuckTable,
-    Table,
-    Valve,
-)
+from foreswitch.project import TABLES as EVERY
+from foreswitch.project import Choice, PlantTable, Project
 from foreswitch.structure import STRUCTURES, Structure
 
 ROOT = Path(__file__).resolve().parent.parent
 
-#: TOML tables in the order of the file.
-TABLES: dict[str, type[Table]] = {
-    "plant": PlantTable,
-    "actuator": ActuatorTable,
-    "controller": ControllerTable,
-    "estimator": EstimatorTable,
-    "reference": ReferenceTable,
-    "simulation": SimulationTable,
-    "simulation.disturbance": Valve,
-    "simulation.hardware": HardwareTable,
-    "simulation.hardware.stuck": StuckTable,
-}
+#: Each form of table once: the plants of [simulation] have the keys of [plant].
+TABLES = {name: table for name, table in EVERY.items() if name == "plant" or table is not PlantTable}
 WORDS = {float: "number", int: "whole number", str: "text", bool: "true, false"}
-WORDS |= dict.fromkeys((Valve, PlantTable, ReferenceTable, HardwareTable, StuckTable), "table")
+WORDS |= dict.fromkeys(TABLES.values(), "table")
 
 
 # Markdown ------------------------------------------------------------------------------------------------------------

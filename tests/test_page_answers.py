@@ -13,9 +13,8 @@ import rig_oracle
 from foreswitch.loop import sampled
 from foreswitch.page import jobs, presets
 from foreswitch.page.limits import LIMITS
-from foreswitch.page.schema import TABLES
 from foreswitch.page.wire import clean, pack, unpack
-from foreswitch.project import Project
+from foreswitch.project import TABLES, Project
 from foreswitch.reference import sample
 
 EXAMPLES = {preset["name"]: preset["project"] for preset in presets.presets()}

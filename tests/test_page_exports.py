@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from foreswitch import cli
 from foreswitch.page import exports, jobs
 from foreswitch.page.presets import dropped
-from foreswitch.page.schema import TABLES, schema, uses
-from foreswitch.project import Project
+from foreswitch.page.schema import schema, uses
+from foreswitch.project import TABLES, Project
 from test_page_answers import CHAMBER, EXAMPLES, FILTER, HORIZON, HOT, INVERTER, REAL_SENSOR, changed
 
 

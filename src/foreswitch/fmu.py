@@ -24,6 +24,7 @@ import numpy as np
 
 from foreswitch._check import Array
 from foreswitch._files import write_whole
+from foreswitch._text import name_and_unit
 from foreswitch.controller import Controller, Status
 from foreswitch.core import REALS
 from foreswitch.design_header import Design, initialiser, number
@@ -272,8 +273,7 @@ def _named(prefix: str, names: Sequence[str]) -> list[tuple[str, str, str]]:
     """Of each name an identifier, the unit in brackets, and itself without that: "pressure [kPa]"."""
     found: list[tuple[str, str, str]] = []
     for i, name in enumerate(names):
-        hit = re.fullmatch(r"(.*?)\s*\[([^\[\]]*)\]\s*", name, flags=re.DOTALL)
-        words, unit = (hit[1], " ".join(hit[2].split())) if hit else (name, "")
+        words, unit = name_and_unit(name)
         spelled = re.sub(r"[^A-Za-z0-9_]+", "_", words).strip("_") or f"{prefix}{i + 1}"
         if spelled[0].isdigit():
             spelled = f"{prefix}_{spelled}"

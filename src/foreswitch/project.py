@@ -641,15 +641,18 @@ def _sentence(error: ValidationError, content: dict[str, Any]) -> str:
     return f"{'.'.join(path)} is {value!r}; {meaning}"
 
 
-SUBTABLES: dict[str, type[Table]] = {
+#: Every table under its name, in the order of a project file.
+TABLES: dict[str, type[Table]] = {
     "plant": PlantTable,
     "actuator": ActuatorTable,
-    "controller": ControllerTable,
     "estimator": EstimatorTable,
+    "controller": ControllerTable,
     "reference": ReferenceTable,
     "simulation": SimulationTable,
-    "hardware": HardwareTable,
-    "stuck": StuckTable,
-    "drift": PlantTable,
-    "disturbance": Valve,
+    "simulation.plant": PlantTable,
+    "simulation.disturbance": Valve,
+    "simulation.hardware": HardwareTable,
+    "simulation.hardware.stuck": StuckTable,
+    "simulation.hardware.drift": PlantTable,
 }
+SUBTABLES = {name.rpartition(".")[2]: table for name, table in TABLES.items()}

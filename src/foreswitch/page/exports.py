@@ -14,8 +14,8 @@ from typing import Any
 from foreswitch.export import check_export, export_c
 from foreswitch.fmu import export_fmu
 from foreswitch.page.complaint import Complaint
-from foreswitch.page.schema import TABLES
 from foreswitch.page.setups import SEED, Setup, setup
+from foreswitch.project import TABLES
 from foreswitch.report import run_report
 
 __all__ = ["FILES", "export", "toml"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import re
 import tempfile
 import tomllib
 from collections.abc import Iterator
@@ -16,6 +15,7 @@ import numpy as np
 from foreswitch import record_plot
 from foreswitch._check import Array
 from foreswitch._csv import read_columns, split
+from foreswitch._text import name_and_unit
 from foreswitch.draft import draft_project
 from foreswitch.fit import Fit
 from foreswitch.identify import identify as find
@@ -156,15 +156,10 @@ def _unit(fit: Fit, name: str) -> str:
     several = fit.plant.outputs > 1
     o = int(mark[0]) - 1 if several else 0
     j = int(mark[-1]) - 1 if fit.plant.inputs > 1 else 0
-    units = [_in_brackets(names[i]) for names, i in ((fit.record.output_names, o), (fit.record.input_names, j))]
+    units = [name_and_unit(names[i])[1] for names, i in ((fit.record.output_names, o), (fit.record.input_names, j))]
     integrators = fit.estimate.problem.structures[o].integrators
     slope = (units[0] or "1") + ("/s" if integrators == 1 else f"/s^{integrators}" if integrators else "")
     return "" if slope == "1" else f"{slope}/{units[1]}" if units[1] not in ("", "-", "1") else slope
-
-
-def _in_brackets(name: str) -> str:
-    hit = re.search(r"\[([^\[\]]*)\]\s*$", name)
-    return hit[1].strip() if hit else ""
 
 
 def _followed(fit: Fit) -> Array:

@@ -7,36 +7,10 @@ import types
 import typing
 from typing import Any
 
-from foreswitch.project import (
-    ActuatorTable,
-    Choice,
-    ControllerTable,
-    EstimatorTable,
-    HardwareTable,
-    PlantTable,
-    ReferenceTable,
-    SimulationTable,
-    StuckTable,
-    Table,
-    Valve,
-)
+from foreswitch.project import TABLES, Choice
 
-__all__ = ["TABLES", "schema", "uses"]
+__all__ = ["schema", "uses"]
 
-#: Every table under its name, in the order of a project file.
-TABLES: dict[str, type[Table]] = {
-    "plant": PlantTable,
-    "actuator": ActuatorTable,
-    "estimator": EstimatorTable,
-    "controller": ControllerTable,
-    "reference": ReferenceTable,
-    "simulation": SimulationTable,
-    "simulation.plant": PlantTable,
-    "simulation.disturbance": Valve,
-    "simulation.hardware": HardwareTable,
-    "simulation.hardware.stuck": StuckTable,
-    "simulation.hardware.drift": PlantTable,
-}
 KINDS = {float: "number", int: "integer", str: "text", bool: "boolean"}
 
 

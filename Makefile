@@ -26,15 +26,15 @@ lint: .venv/ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/clang-format --dry-run -Werror core/*.[ch] src/foreswitch/*.c
+	$(BIN)/clang-format --dry-run -Werror core/*.[ch] core/*/*.[ch] src/binding/*.[ch]
 
 format: .venv/ready
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
-	$(BIN)/clang-format -i core/*.[ch] src/foreswitch/*.c
+	$(BIN)/clang-format -i core/*.[ch] core/*/*.[ch] src/binding/*.[ch]
 
 # Python changes are live; a change of C or of the metadata reinstalls.
-.venv/ready: pyproject.toml constraints.txt CMakeLists.txt $(wildcard examples/*/*.toml examples/*/*.csv) LICENSE $(wildcard core/*.[ch] src/foreswitch/*.c)
+.venv/ready: pyproject.toml constraints.txt CMakeLists.txt $(wildcard examples/*/*.toml examples/*/*.csv) LICENSE $(wildcard core/*.[ch] core/*/*.[ch] src/binding/*.[ch])
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/pip install -q -c constraints.txt "scikit-build-core>=0.10" "cmake>=3.26" ninja
 	$(BIN)/pip install -q -c constraints.txt --no-build-isolation -e .[dev]

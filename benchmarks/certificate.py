@@ -18,9 +18,9 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 import numpy as np
 
 import foreswitch as fsw
-from certificate_designs import certified, draw
-from certificate_oracle import Rival, attack
-from foreswitch import margins, verdict
+from certificate.designs import certified, draw
+from foreswitch.certificate import margins, reasons
+from oracles.certificate import Rival, attack
 from table import Row
 
 DRAWN, FEW = 2500, 60
@@ -42,7 +42,7 @@ WORDS = {
 def judged(seed: int) -> tuple[str, list[tuple[float, float]], list[tuple[str, bool, bool]], float]:
     """Kind and shape; of each bound 1 / (1 + least slack) and median ratio; refusals: condition, right words, broken."""
     start = process_time()
-    verdict._remedy = lambda *_: "try others"  # type: ignore[assignment] # slow, and not judged here
+    reasons._remedy = lambda *_: "try others"  # type: ignore[assignment] # slow, and not judged here
     margins.fastest = lambda *_: 0.0  # type: ignore[assignment]
     kind, controller, errors = draw(seed)
     bounds: list[tuple[float, float]] = []

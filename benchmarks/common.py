@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from foreswitch import Controller, Endpoint, HalfSine, Plant, Run, simulate
-from foreswitch.core import CORES
+from foreswitch._binding import CORES
 
 HERE = Path(__file__).parent
 CORE = HERE.parent / "core"

@@ -46,9 +46,8 @@ def instruction_rows(folder: Path, wanted: dict[str, Any], gated: bool) -> Itera
     most = 1.0 + wanted["slack"]
     for real, options in (("float64", []), ("float32", ["-DFSW_SINGLE"])):
         (folder / "design.h").write_text(design_header(real))
-        # the FMU's shell goes round an exported design only
-        sources = [HERE / "count.c", *sorted(path for path in CORE.glob("*.c") if path.name != "fmi.c")]
-        program = build(folder / "count", *options, f"-I{folder}", f"-I{CORE}", *sources)
+        sources = [HERE / "count.c", *sorted([*CORE.glob("*.c"), *CORE.glob("host/*.c")])]
+        program = build(folder / "count", *options, f"-I{folder}", f"-I{CORE}", f"-I{CORE / 'host'}", *sources)
         for function, what in (("fsw_run", "closed loop"), ("fsw_step", "step alone")):
             count, expected = instructions(program, function), wanted["instructions"][real][function]
             share, gate = count / expected, f"<= {most:g}" if gated else ""

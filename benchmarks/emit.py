@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from foreswitch import Controller
-from foreswitch.design_header import ARRAYS, HORIZON_ARRAYS, HORIZON_SIZES, SIZES
+from foreswitch.export.header import ARRAYS, HORIZON_ARRAYS, HORIZON_SIZES, SIZES
 
 C_TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "d": "double", "f": "float"}
 

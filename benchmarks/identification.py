@@ -18,8 +18,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 import numpy as np
 
 import foreswitch as fsw
-import record_oracle as oracle
-from foreswitch.structure import STRUCTURES
+from foreswitch.identification.structures import STRUCTURES
+from oracles import record as oracle
 
 EVERY = (*STRUCTURES, "integrator+integrator")
 BIAS, COVERAGE, DECLARED = 0.1, (0.90, 0.98), 0.1

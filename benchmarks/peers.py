@@ -9,7 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
-from foreswitch.horizon import _lift
+from foreswitch.control.horizon_tables import _lift
 from problems import Problem
 
 SOLVERS = {"DAQP": "daqp", "SCIP": "pyscipopt", "HiGHS": "highspy"}

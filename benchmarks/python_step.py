@@ -3,10 +3,10 @@
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import control
 import numpy as np
 from scipy.signal import dlsim
 
+import control
 from common import REFERENCE, TS, controller
 from foreswitch import Controller, simulate
 from table import Row, compare

@@ -1,7 +1,7 @@
 """Exact counts on the processors that firmware is for: instructions or cycles of a step, its stack, flash and memory.
 
-``python benchmarks/targets_counts.py --update`` writes what it finds to src/foreswitch/firmware/counted.json, which the
-README of every export shows, so that a change which moves them shows in review. With a project file it counts that
+``python benchmarks/targets_counts.py --update`` writes what it finds to src/foreswitch/export/templates/counted.json,
+which the README of every export shows, so that a change which moves them shows in review. With a project file it counts that
 project's controller. Counts belong to a compiler: with another one nothing can be compared, which fails where
 FORESWITCH_REQUIRE_TARGETS is set, and is said elsewhere.
 """
@@ -25,7 +25,7 @@ from common import HERE, controller
 sys.path.insert(0, str(HERE.parent / "tests"))
 
 from foreswitch import Controller
-from foreswitch.horizon import _lift
+from foreswitch.control.horizon_tables import _lift
 from foreswitch.project import Project
 from peers import linear, quadratic
 from problems import GAS_TS, Core, Model, hot_gas, pressure, transients
@@ -35,7 +35,7 @@ from targets.harness import TARGETS, Image, Target
 from targets.stack import deepest
 from targets_search import Search, counting
 
-JSON = HERE.parent / "src" / "foreswitch" / "firmware" / "counted.json"
+JSON = HERE.parent / "src" / "foreswitch" / "export" / "templates" / "counted.json"
 PROCESSORS = ("cortex-m4f", "cortex-m3", "cortex-m0", "atmega328p")
 PAPER, MOVES = "paper", (5, 10)
 #: Typical sizes of the paper's measurement and reference, with which a search begins; its depth.

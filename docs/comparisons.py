@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 from matplotlib import ticker
 
-from foreswitch import plot, report
-from foreswitch.compare import (
+from foreswitch.presentation import plots, report
+from foreswitch.project import Project
+from foreswitch.simulation.run import Run
+from foreswitch.studies.comparison import (
     COLOURS,
     KINDS,
     NODE_BUDGET,
@@ -29,8 +31,6 @@ from foreswitch.compare import (
     switching_rate,
     total_rms,
 )
-from foreswitch.project import Project
-from foreswitch.run import Run
 
 ROOT = Path(__file__).resolve().parent.parent
 #: The longest first.
@@ -61,7 +61,7 @@ def picture(comparison: Comparison, path: Path) -> None:
             names[same] = "predictive" if same == "predictive" else names[same]
             names[same] += f" = {law}" if not law.startswith("predictive") else ""
     worst = max(total_rms(comparison.runs[law]) for law in names)
-    figure = plot.figure(size=(7.2, 3.4))
+    figure = plots.figure(size=(7.2, 3.4))
     axes = figure.axes[0]
     for law, name in names.items():
         shown = sorted(point for point in points[law] if point[1] <= 5.0 * worst)
@@ -150,7 +150,7 @@ def at(points: list[Point], rate: float) -> float | None:
 
 def buys_picture(points: dict[str, list[Point]], rates: list[float], name: str, path: Path) -> None:
     """Every run a dot; lines join those that no other run of the law beats in both."""
-    figure = plot.figure(size=(7.2, 3.8))
+    figure = plots.figure(size=(7.2, 3.8))
     axes = figure.axes[0]
     styles = {f"N = {N}": (shade, "o") for N, shade in zip(HORIZONS, SHADES, strict=True)} | STYLES
     for law in points:

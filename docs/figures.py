@@ -9,11 +9,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import foreswitch as fsw
-from foreswitch import plot
-from foreswitch.demo import hot_gas_file
-from foreswitch.prediction import transition
+from foreswitch.demo.hot_gas import hot_gas_file
+from foreswitch.model.prediction import transition
+from foreswitch.presentation import plots
+from foreswitch.presentation.report import number
 from foreswitch.project import Project
-from foreswitch.report import number
 
 # The paper's plant and settings.
 SLOPE, LAG, DELAY, TS, TD, LAM = 16500.0, 0.006, 0.005, 1e-3, 0.020, 2500.0
@@ -53,14 +53,14 @@ def decision(folder: Path) -> Values:
             y.append(plant.C[0] @ x)
         return np.arange(count + 1) * fine * 1e3, np.array(y)
 
-    figure = plot.figure(2, size=(7.2, 4.4), heights=[2.6, 0.9])
+    figure = plots.figure(2, size=(7.2, 4.4), heights=[2.6, 0.9])
     above, below = figure.axes
     past = slice(k - 12, k + 1)
     now = run.t[k]
     target = RISE([now + controller.lag], controller.order)[0, 0]
     above.plot((run.t[past] - now) * 1e3, run.y[past, 0], color="0.25", linewidth=1.4, label="measured")
     misses = {}
-    for level, colour in ((0.0, plot.COLOURS[0]), (1.0, plot.COLOURS[1])):
+    for level, colour in ((0.0, plots.COLOURS[0]), (1.0, plots.COLOURS[1])):
         t, y = ahead(level)
         above.plot(t, y, color=colour, linewidth=1.4, label=f"predicted, valve {level:g}")
         above.plot(t[-1], y[-1], "o", color=colour, markersize=4)
@@ -72,9 +72,9 @@ def decision(folder: Path) -> Values:
     above.set_ylabel("pressure [kPa]", fontsize=9)
     above.legend(fontsize=8, frameon=False, loc="upper left")
     edges = (run.t[k - 12 : k + 1] - now) * 1e3
-    plot.draw_command(below, edges, run.u[k - 12 : k, 0], label="issued", colour="0.25")
+    plots.draw_command(below, edges, run.u[k - 12 : k, 0], label="issued", colour="0.25")
     first = 12 - pending
-    below.stairs(run.u[k - pending : k, 0], edges[first:], color=plot.COLOURS[2], linewidth=2.2, baseline=None,
+    below.stairs(run.u[k - pending : k, 0], edges[first:], color=plots.COLOURS[2], linewidth=2.2, baseline=None,
                  label="issued, not yet acted on")  # fmt: skip
     below.annotate("?", (0.35, 0.35), fontsize=11)
     below.set_ylim(-0.15, 1.9)
@@ -109,14 +109,14 @@ def tails(folder: Path) -> Values:
             found.append(settled.mean())
             if tail == "rest":
                 ripple.append(np.ptp(settled))
-    figure = plot.figure(size=(7.2, 3.2))
+    figure = plots.figure(size=(7.2, 3.2))
     axes = figure.axes[0]
-    axes.axhline(40.0, color=plot.REFERENCE, linewidth=3.0, alpha=0.7, label="set point")
+    axes.axhline(40.0, color=plots.REFERENCE, linewidth=3.0, alpha=0.7, label="set point")
     fine = np.linspace(1, 200, 400)
-    axes.plot(fine, np.minimum(40.0 * np.exp((fine - 1.0) / 100.0), 100.0), color=plot.COLOURS[1], linewidth=0.8,
+    axes.plot(fine, np.minimum(40.0 * np.exp((fine - 1.0) / 100.0), 100.0), color=plots.COLOURS[1], linewidth=0.8,
               label="set point times DC gain, at most full power")  # fmt: skip
-    axes.plot(horizons, mean["zero"], "o", color=plot.COLOURS[1], markersize=4, label="zero tail, simulated")
-    axes.plot(horizons, mean["rest"], "o", color=plot.COLOURS[0], markersize=4, label="rest tail, simulated")
+    axes.plot(horizons, mean["zero"], "o", color=plots.COLOURS[1], markersize=4, label="zero tail, simulated")
+    axes.plot(horizons, mean["rest"], "o", color=plots.COLOURS[0], markersize=4, label="rest tail, simulated")
     axes.set_xlabel("settling horizon Td [s]", fontsize=9)
     axes.set_ylabel("mean temperature [K above ambient]", fontsize=9)
     axes.set_ylim(30, 105)
@@ -139,17 +139,17 @@ def lag(folder: Path) -> Values:
         designed.append(law.lag)
         formula.append(DELAY + TS + (LAG - 1 / LAM) * (1 - exp(-(Td - TS) / LAG)))
         measured.append(float((run.r - run.y)[1000:].mean()) / slope)
-    figure = plot.figure(size=(7.2, 3.2))
+    figure = plots.figure(size=(7.2, 3.2))
     axes = figure.axes[0]
     fine = np.linspace(1e-3, 40e-3, 200)
     axes.plot(fine * 1e3, (DELAY + fine) * 1e3, "--", color="0.5", linewidth=1.0, label="Tu + Td")
     exact = DELAY + TS + (LAG - 1 / LAM) * (1 - np.exp(-(fine - TS) / LAG))
-    axes.plot(fine * 1e3, exact * 1e3, color=plot.COLOURS[0], linewidth=1.2, label="formula")
+    axes.plot(fine * 1e3, exact * 1e3, color=plots.COLOURS[0], linewidth=1.2, label="formula")
     axes.plot(
-        horizons * 1e3, np.array(designed) * 1e3, "o", color=plot.COLOURS[0], markersize=4, label="controller.lag"
+        horizons * 1e3, np.array(designed) * 1e3, "o", color=plots.COLOURS[0], markersize=4, label="controller.lag"
     )
     axes.plot(
-        horizons * 1e3, np.array(measured) * 1e3, "+", color=plot.COLOURS[1], markersize=8, label="measured on a ramp"
+        horizons * 1e3, np.array(measured) * 1e3, "+", color=plots.COLOURS[1], markersize=8, label="measured on a ramp"
     )
     axes.set_xlabel("settling horizon Td [ms]", fontsize=9)
     axes.set_ylabel("lag [ms]", fontsize=9)
@@ -173,13 +173,13 @@ def preview(folder: Path) -> Values:
     at = {
         name: fsw.simulate(hot_gas_controller(preview=t), RISE, 0.6).metrics()["rms_error"] for name, t in marks.items()
     }
-    figure = plot.figure(size=(7.2, 3.0))
+    figure = plots.figure(size=(7.2, 3.0))
     axes = figure.axes[0]
-    axes.plot(ahead * 1e3, rms, color=plot.COLOURS[0], linewidth=1.2)
+    axes.plot(ahead * 1e3, rms, color=plots.COLOURS[0], linewidth=1.2)
     for name, text, place in (("now", "preview=False", (0.6, 1.5)), ("lag", 'preview="lag"', (0.5, -2.2)),
                               ("instant", "preview=True", (-6.6, 0.4))):  # fmt: skip
         x, y = marks[name] * 1e3, at[name]
-        axes.plot(x, y, "o", color=plot.COLOURS[1], markersize=5)
+        axes.plot(x, y, "o", color=plots.COLOURS[1], markersize=5)
         axes.annotate(text, (x + place[0], y + place[1]), fontsize=8)
     axes.set_xlabel("reference sampled ahead by [ms]", fontsize=9)
     axes.set_ylabel("rms error [kPa]", fontsize=9)
@@ -196,9 +196,9 @@ def wear(folder: Path) -> Values:
             hot_gas_controller(preview="lag", min_on=n * TS, min_off=n * TS) for n in (1, 2, 3, 4, 5, 6)
         ],
     }
-    figure = plot.figure(size=(7.2, 3.0))
+    figure = plots.figure(size=(7.2, 3.0))
     axes = figure.axes[0]
-    for (name, group), colour, mark in zip(laws.items(), plot.COLOURS, "o^", strict=False):
+    for (name, group), colour, mark in zip(laws.items(), plots.COLOURS, "o^", strict=False):
         found = [fsw.simulate(law, RISE, 0.6).metrics() for law in group]
         axes.plot([m["switches"] for m in found], [m["rms_error"] for m in found], mark, color=colour, markersize=4,
                   label=name)  # fmt: skip
@@ -264,14 +264,14 @@ def rig(folder: Path) -> Values:
                 level = rest.pop(0)[1]
         assert abs(flow - want) < 1e-6 * SLOPE, "the page's rule is not the simulation's"
 
-    figure = plot.figure(1, 2, size=(7.2, 3.2))
+    figure = plots.figure(1, 2, size=(7.2, 3.2))
     left, right = figure.axes
     silent = [(start, end) for start, end in RIG.outages]
     seen = np.array([not any(s - 1e-9 <= t < e - 1e-9 for s, e in silent) for t in run.t])
     zoom = (run.t >= 0.15) & (run.t <= 0.28)
-    plot.draw_output(left, run.t[zoom] * 1e3, run.y[zoom, 0], run.r[zoom, 0], label="pressure")
+    plots.draw_output(left, run.t[zoom] * 1e3, run.y[zoom, 0], run.r[zoom, 0], label="pressure")
     reading = np.round(run.y[:, 0] / 5.0) * 5.0
-    left.plot(run.t[zoom & seen] * 1e3, reading[zoom & seen], ".", color=plot.COLOURS[1], markersize=3, label="read")
+    left.plot(run.t[zoom & seen] * 1e3, reading[zoom & seen], ".", color=plots.COLOURS[1], markersize=3, label="read")
     for start, end in silent:
         left.axvspan(start * 1e3, end * 1e3, color="0.92", zorder=0)
         left.text((start + end) * 500.0, left.get_ylim()[0] + 5.0, "outage", fontsize=8, ha="center", color="0.35")
@@ -286,7 +286,7 @@ def rig(folder: Path) -> Values:
     levels = np.array([before[-1] if before else 0.0, *(u for _, u in moves)])
     right.stairs(run.u[part, 0] + 1.4, np.append(run.t[:-1][part], end) * 1e3, color="0.25", linewidth=1.0,
                  baseline=None)  # fmt: skip
-    right.stairs(levels, stairs, color=plot.COLOURS[2], linewidth=1.6, baseline=None)
+    right.stairs(levels, stairs, color=plots.COLOURS[2], linewidth=1.6, baseline=None)
     right.set_yticks([0.5, 1.9], ["in force", "commanded"])
     right.set_ylim(-0.15, 2.6)
     right.set_xlim(start * 1e3, end * 1e3)
@@ -349,16 +349,16 @@ def batch(folder: Path) -> Values:
     plants = [fsw.Plant.integrator_lag(SLOPE * gain, LAG, DELAY) for gain in gains]
     nominal = fsw.simulate_batch(law, RISE, 0.6, seeds=500, noise=noise).rms_error[:, 0]
     spread = fsw.simulate_batch(law, RISE, 0.6, seeds=500, noise=noise, plant=plants).rms_error[:, 0]
-    figure = plot.figure(1, 2, size=(7.2, 3.0))
+    figure = plots.figure(1, 2, size=(7.2, 3.0))
     left, right = figure.axes
     bins = np.linspace(0.0, np.ceil(spread.max()), 36)
-    for values, colour, name in ((spread, plot.COLOURS[1], "gains spread"), (nominal, plot.COLOURS[0], "one gain")):
+    for values, colour, name in ((spread, plots.COLOURS[1], "gains spread"), (nominal, plots.COLOURS[0], "one gain")):
         left.hist(values, bins=bins, color=colour, alpha=0.75, label=name)
     left.set_xlabel("rms error [kPa]", fontsize=9)
     left.set_ylabel("runs", fontsize=9)
     left.legend(fontsize=8, frameon=False)
-    right.plot(gains, spread, ".", color=plot.COLOURS[1], markersize=3)
-    right.plot(np.ones_like(nominal), nominal, ".", color=plot.COLOURS[0], markersize=3)
+    right.plot(gains, spread, ".", color=plots.COLOURS[1], markersize=3)
+    right.plot(np.ones_like(nominal), nominal, ".", color=plots.COLOURS[0], markersize=3)
     right.set_xlabel("true gain / model's gain", fontsize=9)
     right.set_ylabel("rms error [kPa]", fontsize=9)
     right.set_ylim(0, None)
@@ -435,16 +435,16 @@ def estimation(folder: Path) -> Values:
     deviations = np.geomspace(3.0, 3000.0, 25)
     errors = [rms(fsw.Kalman([0.0, slope**2], PRESSURE_NOISE**2), PRESSURE_NOISE) for slope in deviations]
     values = {"full": rms(None, None), "outputs": rms(OUTPUTS, PRESSURE_NOISE), "load": rms(LOAD, PRESSURE_NOISE)}
-    figure = plot.figure(1, 2, size=(7.2, 3.0))
+    figure = plots.figure(1, 2, size=(7.2, 3.0))
     left, right = figure.axes
     left.axhline(values["full"], color="0.5", linewidth=1.0, linestyle="--", label="state measured, no noise")
-    left.semilogx(deviations, errors, color=plot.COLOURS[0], linewidth=1.2, label="pressure, 2 kPa of noise")
-    left.plot(100.0, values["outputs"], "o", color=plot.COLOURS[1], markersize=5)
+    left.semilogx(deviations, errors, color=plots.COLOURS[0], linewidth=1.2, label="pressure, 2 kPa of noise")
+    left.plot(100.0, values["outputs"], "o", color=plots.COLOURS[1], markersize=5)
     left.set_xlabel("root of process_noise, slope [kPa/s]", fontsize=9)
     left.set_ylabel("rms error [kPa]", fontsize=9)
     left.set_ylim(0, None)
     left.legend(fontsize=8, frameon=False, loc="lower right")
-    for (name, estimator), colour in zip(MEASURED.items(), plot.COLOURS, strict=False):
+    for (name, estimator), colour in zip(MEASURED.items(), plots.COLOURS, strict=False):
         run = leaking(estimator, start=1.0)
         window = np.ones(33) / 33  # the ripple of some pulses
         error = np.convolve((run.y - run.r)[:, 0], window, "same")
@@ -494,16 +494,21 @@ def pulses(folder: Path) -> Values:
     ]
     (folder / "pulse_candidates.txt").write_text("\n".join(lines) + "\n")
     save(second.plot_pulses(), folder / "pulse_average.svg")
-    figure = plot.figure(1, 2, size=(7.2, 2.8), shared=False)
+    figure = plots.figure(1, 2, size=(7.2, 2.8), shared=False)
     left, right = figure.axes
     begin = np.flatnonzero(np.diff(record.u[:, 0]) > 0) + 1
     after = np.arange(-5, 50)
     for i, fit in enumerate((second, best)):
         residual = (record.y - fit.simulate(record))[:, 0]
         r = np.correlate(residual, residual, "full")[residual.size - 1 :] / (residual @ residual)
-        left.plot(after, residual[begin[:, None] + after].mean(axis=0), color=plot.COLOURS[i], linewidth=1.2)
+        left.plot(after, residual[begin[:, None] + after].mean(axis=0), color=plots.COLOURS[i], linewidth=1.2)
         right.vlines(
-            np.arange(1, 16) + 0.25 * (i - 0.5), 0.0, r[1:16], color=plot.COLOURS[i], linewidth=2.5, label=fit.structure
+            np.arange(1, 16) + 0.25 * (i - 0.5),
+            0.0,
+            r[1:16],
+            color=plots.COLOURS[i],
+            linewidth=2.5,
+            label=fit.structure,
         )
     left.set_xlabel("time since the pulse [ms]", fontsize=9)
     left.set_ylabel("average residual [kPa]", fontsize=9)
@@ -531,13 +536,13 @@ def experiment(folder: Path) -> Values:
         spacing = width + 22.0 + rest
         return fsw.PulseTest(2.0, width, spacing, int(1800.0 / spacing) - 1, spacing)
 
-    figure = plot.figure(1, 2, size=(7.2, 3.0), shared=False)
+    figure = plots.figure(1, 2, size=(7.2, 3.0), shared=False)
     left, right = figure.axes
     widths = np.unique(np.round(np.geomspace(1.0, 150.0, 25))) * 2.0
     predicted = [half_an_hour(width).errors(OVEN, OVEN_NOISE) for width in widths]
     units = {"delay": "dead time [s]", "T": "T [s]", "K": "K [K]"}
     ratios = []
-    for (name, label), colour in zip(units.items(), plot.COLOURS, strict=False):
+    for (name, label), colour in zip(units.items(), plots.COLOURS, strict=False):
         left.loglog(widths, [errors[name] for errors in predicted], color=colour, linewidth=1.2, label=label)
     for width in (4.0, 16.0, 64.0, 200.0):
         test = half_an_hour(width)
@@ -545,7 +550,7 @@ def experiment(folder: Path) -> Values:
             fsw.identify(test.rehearse(OVEN, noise=OVEN_NOISE, seed=seed), "lag", drift=False, held_back=0.0).parameters
             for seed in range(40)
         ]
-        for name, colour in zip(units, plot.COLOURS, strict=False):
+        for name, colour in zip(units, plots.COLOURS, strict=False):
             deviation = np.std([fit[name][0] for fit in fits], ddof=1)
             left.plot(width, deviation, "o", color=colour, markersize=4)
             ratios.append(deviation / test.errors(OVEN, OVEN_NOISE)[name])
@@ -556,7 +561,7 @@ def experiment(folder: Path) -> Values:
     shares = np.arange(1, 41) / 40.0
     gas = fsw.Plant.integrator_lag(SLOPE, LAG, 0.0053)
     gains = [fsw.PulseTest(TS, TS, 0.035, 40, share * 40 * 0.035).errors(gas, 1.0)["k"] for share in shares]
-    right.semilogy(shares, np.array(gains) / SLOPE * 100.0, color=plot.COLOURS[0], linewidth=1.2)
+    right.semilogy(shares, np.array(gains) / SLOPE * 100.0, color=plots.COLOURS[0], linewidth=1.2)
     right.set_xlabel("quiet time / time of the pulses", fontsize=9)
     right.set_ylabel("standard error of the gain [%]", fontsize=9)
     save(figure, folder / "experiment.svg")

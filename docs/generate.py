@@ -17,19 +17,20 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
-import comparisons
-import figures
-import horizons
 import numpy as np
 from pydantic_core import PydanticUndefined
 from typer.testing import CliRunner
 
-from foreswitch import Hardware, Status, cli, compare_precision, report
-from foreswitch.demo import Demo, hot_gas_file, run_demo
-from foreswitch.export import firmware_figures
-from foreswitch.project import TABLES as EVERY
-from foreswitch.project import Choice, PlantTable, Project
-from foreswitch.structure import STRUCTURES, Structure
+import comparisons
+import figures
+import horizons
+from foreswitch import Hardware, Status, compare_precision
+from foreswitch.cli import app
+from foreswitch.demo.hot_gas import Demo, hot_gas_file, run_demo
+from foreswitch.export.firmware import firmware_figures
+from foreswitch.identification.structures import STRUCTURES, Structure
+from foreswitch.presentation import report
+from foreswitch.project.project import TABLES as EVERY, Choice, PlantTable, Project
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -93,12 +94,12 @@ def choice_rows() -> Iterator[list[str]]:
 
 def verbs() -> list[str]:
     """Every verb of the command line."""
-    return [command.callback.__name__ for command in cli.app.registered_commands if command.callback]
+    return [command.callback.__name__ for command in app.app.registered_commands if command.callback]
 
 
 def help_text(verb: str) -> str:
     """What ``foreswitch VERB --help`` prints."""
-    result = CliRunner().invoke(cli.app, [verb, "--help"], prog_name="foreswitch")
+    result = CliRunner().invoke(app.app, [verb, "--help"], prog_name="foreswitch")
     assert result.exit_code == 0, result.output
     return result.output
 
@@ -652,8 +653,8 @@ def build(folder: Path) -> None:
 
 def sources() -> list[Path]:
     """All files that what is computed depends on; the pages are looked at one by one."""
-    patterns = ("src/**/*", "core/*", "examples/**/*", "docs/*.py", "docs/claims/*.py", "docs/*.json", "benchmarks/*.json",
-                "constraints.txt")  # fmt: skip
+    patterns = ("src/**/*", "core/**/*", "examples/**/*", "docs/*.py", "docs/claims/*.py", "docs/*.json",
+                "benchmarks/*.json", "constraints.txt")  # fmt: skip
     found = (path for pattern in patterns for path in ROOT.glob(pattern) if path.is_file())
     return sorted(
         path for path in found if not {"__pycache__", "page"} & {*path.parts}

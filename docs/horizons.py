@@ -6,13 +6,14 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from figures import DELAY, LAM, RISE, TD, TS, Values, hot_gas
 
 import foreswitch as fsw
-from foreswitch.prediction import period_model
+from figures import DELAY, LAM, RISE, TD, TS, Values, hot_gas
+from foreswitch.model.prediction import period_model
+from foreswitch.presentation.report import number
 from foreswitch.project import Project
-from foreswitch.report import number, search_figures
-from foreswitch.run import Run
+from foreswitch.simulation.report import search_figures
+from foreswitch.simulation.run import Run
 
 PERIODS = 600
 #: Prices of a move, squares of kPa: one that only keeps the relaxed law from dead beat, one that halves the switches.

@@ -25,7 +25,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from foreswitch import cli
+from foreswitch.cli import app
 
 LANGUAGES = {"python", "console", "toml", "c", "text", "csv"}
 MARK = re.compile(r"<!-- (not run: .+|exit \d+|needs: .+|change \S+|printed) -->")
@@ -96,7 +96,7 @@ def called(words: list[str]) -> tuple[int, str]:
     out, err = io.StringIO(), io.StringIO()
     try:
         with redirect_stdout(out), redirect_stderr(err):
-            cli.main(words[1:])
+            app.main(words[1:])
     except SystemExit as end:
         return int(end.code or 0), out.getvalue() + err.getvalue()
     raise AssertionError("cli.main ends with SystemExit")

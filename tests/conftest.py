@@ -20,13 +20,13 @@ def pytest_configure(config):
 @pytest.fixture
 def valve_line(tmp_path, monkeypatch, capsys):
     """The command line beside a new project, valve/project.toml: arguments -> exit code, standard output, errors."""
-    from foreswitch import cli
+    from foreswitch.cli import app
 
     monkeypatch.chdir(tmp_path)
 
     def call(*arguments):
         with pytest.raises(SystemExit) as caught:
-            cli.main(list(arguments))
+            app.main(list(arguments))
         out, err = capsys.readouterr()
         return caught.value.code, out, err
 

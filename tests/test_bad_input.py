@@ -2,11 +2,11 @@
 
 import re
 
-import control
 import numpy as np
 import pytest
 from scipy import signal
 
+import control
 import foreswitch as fsw
 from foreswitch.baselines import PIPWM, Relay, SmithPWM
 from systems import OVEN, TWO_BY_TWO, VALVE, valve_controller

@@ -4,15 +4,14 @@ import json
 import re
 import runpy
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from foreswitch import cli
+from foreswitch.cli import app
 from foreswitch.project import Project
+from places import EXAMPLES
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
 NAMES = sorted(folder.parent.name for folder in EXAMPLES.glob("*/project.toml"))
 NUMBER = re.compile(r"-?\d+(?:\.(\d+))?")
 
@@ -70,7 +69,7 @@ def test_every_example_has_its_bounds():
 @pytest.mark.parametrize("name", NAMES)
 def test_project_runs_from_the_command_line(name, tmp_path, capsys):
     with pytest.raises(SystemExit) as end:
-        cli.main(["simulate", str(EXAMPLES / name / "project.toml"), "--out", str(tmp_path / "out"), "--json"])
+        app.main(["simulate", str(EXAMPLES / name / "project.toml"), "--out", str(tmp_path / "out"), "--json"])
     assert end.value.code == 0
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
         "report.html",

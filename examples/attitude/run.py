@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from foreswitch import baselines, plot
+from foreswitch import baselines
+from foreswitch.presentation import plots
 from foreswitch.project import Project
 
 here = Path(__file__).parent
@@ -84,19 +85,19 @@ for name, run in runs.items():
     rate = np.count_nonzero(np.diff(run.u[HOLD:, 0])) * 60.0 / (run.t[-1] - run.t[HOLD])
     print(f"{name:<28}{slew:14.0f}{burnt(run)[HOLD]:9.2f}{hold_error(run):12.1f}{hold_burn(run):8.0f}{rate:16.0f}")
 
-colours = {FREE: plot.COLOURS[1], PRICED: plot.COLOURS[0], "relay": plot.COLOURS[4]}
+colours = {FREE: plots.COLOURS[1], PRICED: plots.COLOURS[0], "relay": plots.COLOURS[4]}
 seen = slice(0, 10001)
-picture = plot.figure(6, size=(7.2, 8.0), heights=[2.2, 1.6, 0.45, 0.45, 0.45, 1.4])
+picture = plots.figure(6, size=(7.2, 8.0), heights=[2.2, 1.6, 0.45, 0.45, 0.45, 1.4])
 angle, error, *valves, fuel = picture.axes
 t = runs[PRICED].t[seen]
-plot.draw_output(angle, t, runs[PRICED].y[seen, 0], runs[PRICED].r[seen, 0], label="predictive, price 1")
+plots.draw_output(angle, t, runs[PRICED].y[seen, 0], runs[PRICED].r[seen, 0], label="predictive, price 1")
 angle.set_ylabel("attitude [deg]", fontsize=9)
 angle.legend(fontsize=8, frameon=False)
 for axes, (name, colour) in zip(valves, colours.items(), strict=True):
     run = runs[name]
-    plot.draw_output(error, t, 1e3 * (run.y - run.r)[seen, 0], None, label=name, colour=colour)
-    plot.draw_command(axes, t, run.u[seen, 0][:-1], label="", colour=colour)
-    plot.draw_output(fuel, t[:-1], burnt(run)[seen][:-1], None, label=name, colour=colour)
+    plots.draw_output(error, t, 1e3 * (run.y - run.r)[seen, 0], None, label=name, colour=colour)
+    plots.draw_command(axes, t, run.u[seen, 0][:-1], label="", colour=colour)
+    plots.draw_output(fuel, t[:-1], burnt(run)[seen][:-1], None, label=name, colour=colour)
     axes.set_title(f"thrusters: {name if name == 'relay' else 'predictive, ' + name}", fontsize=8, loc="left")
     axes.set_yticks([-1, 0, 1])
 error.set_ylabel("error [mdeg]", fontsize=9)
@@ -104,7 +105,7 @@ fuel.set_ylabel("propellant [g]", fontsize=9)
 fuel.legend(fontsize=8, frameon=False)
 fuel.set_xlabel("time [s]", fontsize=9)
 
-hold = plot.figure(1, 2, size=(7.2, 3.6))
+hold = plots.figure(1, 2, size=(7.2, 3.6))
 plane, front = hold.axes
 for name in ("relay", FREE, PRICED):
     run = runs[name]

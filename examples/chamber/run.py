@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from foreswitch import Plant, plot
-from foreswitch.prediction import period_model
+from foreswitch import Plant
+from foreswitch.model.prediction import period_model
+from foreswitch.presentation import plots
 from foreswitch.project import Project
 
 here = Path(__file__).parent
@@ -71,23 +72,23 @@ for name, (y, u) in runs.items():
     figures = f"{np.sqrt(np.mean(error**2)):10.1f}{np.abs(error).max():9.1f}{error.mean():7.1f}"
     print(f"{name:<28}{figures}{opened[0]:9d}{opened[1]:6d}{REACH * valves.Ts * u[:, 0].sum():7.0f}")
 
-picture = plot.figure(7, size=(7.2, 9.0), heights=[2.2, 1.6, 0.45, 0.45, 0.45, 0.45, 1.4])
+picture = plots.figure(7, size=(7.2, 9.0), heights=[2.2, 1.6, 0.45, 0.45, 0.45, 0.45, 1.4])
 pressure, errors, *stairs, gas = picture.axes
-colours = {BOTH: plot.COLOURS[0], MIDDLE: plot.COLOURS[1], RELAY: plot.COLOURS[4], BLEED: plot.COLOURS[2]}
+colours = {BOTH: plots.COLOURS[0], MIDDLE: plots.COLOURS[1], RELAY: plots.COLOURS[4], BLEED: plots.COLOURS[2]}
 ms = 1e3 * t
-plot.draw_output(pressure, ms, runs[BOTH][0], wanted, label=BOTH)
-plot.draw_output(pressure, ms, runs["fill only, tight"][0], None, label="fill only, tight", colour=plot.COLOURS[3])
+plots.draw_output(pressure, ms, runs[BOTH][0], wanted, label=BOTH)
+plots.draw_output(pressure, ms, runs["fill only, tight"][0], None, label="fill only, tight", colour=plots.COLOURS[3])
 pressure.set_ylabel(chamber.output_names[0], fontsize=9)
 for name in (RELAY, MIDDLE, BOTH):
-    plot.draw_output(errors, ms, runs[name][0] - wanted, None, label=name, colour=colours[name])
+    plots.draw_output(errors, ms, runs[name][0] - wanted, None, label=name, colour=colours[name])
 errors.set_ylabel("error [kPa]", fontsize=9)
 errors.set_ylim(-27.0, 18.0)
 for axes, (name, j) in zip(stairs, [(BOTH, 0), (BOTH, 1), (MIDDLE, 0), (MIDDLE, 1)], strict=True):
-    plot.draw_command(axes, ms, runs[name][1][:, j], label="", colour=colours[name])
+    plots.draw_command(axes, ms, runs[name][1][:, j], label="", colour=colours[name])
     axes.set_title(f"{chamber.input_names[j]}: {name}", fontsize=8, loc="left")
     axes.set_yticks([0, 1])
 for name, colour in colours.items():
-    plot.draw_output(gas, ms[:-1], REACH * valves.Ts * np.cumsum(runs[name][1][:, 0]), None, label=name, colour=colour)
+    plots.draw_output(gas, ms[:-1], REACH * valves.Ts * np.cumsum(runs[name][1][:, 0]), None, label=name, colour=colour)
 gas.set_ylabel("gas let in [kPa]", fontsize=9)
 gas.set_xlabel("time [ms]", fontsize=9)
 for axes, place in ((pressure, "upper right"), (errors, "lower center"), (gas, "upper left")):

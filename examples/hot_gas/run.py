@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from foreswitch import plot
+from foreswitch.presentation import plots
 from foreswitch.project import Project
 
 here = Path(__file__).parent
@@ -28,17 +28,17 @@ for name, run in runs.items():
 
 ignored, predicted, previewed, _ = runs.values()
 t = 1e3 * predicted.t
-shown = dict(zip(runs, (plot.COLOURS[1], plot.COLOURS[0], plot.COLOURS[2]), strict=False))
-picture = plot.figure(5, size=(7.2, 7.6), heights=[2.4, 2.0, 0.5, 0.5, 0.5])
+shown = dict(zip(runs, (plots.COLOURS[1], plots.COLOURS[0], plots.COLOURS[2]), strict=False))
+picture = plots.figure(5, size=(7.2, 7.6), heights=[2.4, 2.0, 0.5, 0.5, 0.5])
 pressure, error, *valves = picture.axes
-plot.draw_output(pressure, t, predicted.y[:, 0], predicted.r[:, 0], label="dead time predicted")
-plot.draw_output(pressure, t, ignored.y[:, 0], None, label="dead time left out", colour=plot.COLOURS[1])
+plots.draw_output(pressure, t, predicted.y[:, 0], predicted.r[:, 0], label="dead time predicted")
+plots.draw_output(pressure, t, ignored.y[:, 0], None, label="dead time left out", colour=plots.COLOURS[1])
 pressure.set_ylabel(tank.output_names[0], fontsize=9)
 error.axhspan(-0.5 * pulse, 0.5 * pulse, color="0.92", zorder=0, label="half a pulse")
 for axes, (name, colour) in zip(valves, shown.items(), strict=True):
     run = runs[name]
-    plot.draw_output(error, t, (run.y - run.r)[:, 0], None, label=name, colour=colour)
-    plot.draw_command(axes, t, run.u[:, 0], label="", colour=colour)
+    plots.draw_output(error, t, (run.y - run.r)[:, 0], None, label=name, colour=colour)
+    plots.draw_command(axes, t, run.u[:, 0], label="", colour=colour)
     axes.set_title(f"valve: {name}", fontsize=8, loc="left")
     axes.set_yticks([0, 1])
 error.set_ylabel("error [kPa]", fontsize=9)

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from foreswitch import baselines, plot
+from foreswitch import baselines
+from foreswitch.presentation import plots
 from foreswitch.project import Project
 
 here = Path(__file__).parent
@@ -98,35 +99,35 @@ for name in names:
     distortion, frequency, amplitude = found[name]
     print(f"{name:<28}{distortion:12.1f}{1e-3 * frequency:11.2f}{1e-3 * distortion * frequency:10.1f}{amplitude:11.1f}")
 
-picture = plot.figure(6, size=(7.2, 8.4), heights=[2.0, 0.45, 0.45, 0.45, 2.0, 0.45])
+picture = plots.figure(6, size=(7.2, 8.4), heights=[2.0, 0.45, 0.45, 0.45, 2.0, 0.45])
 axes = iter(picture.axes)
 cycle = slice(400, 801)
-for name, shown, colours in zip(TRACES, ("abc", "a"), (plot.COLOURS[:2], plot.COLOURS[3:5]), strict=True):
+for name, shown, colours in zip(TRACES, ("abc", "a"), (plots.COLOURS[:2], plots.COLOURS[3:5]), strict=True):
     t, i, u = (values[cycle] for values in runs[name])
     current = next(axes)
     for part, label, colour in zip((np.real, np.imag), ("alpha", "beta"), colours, strict=True):
         wanted = part(rotating(AMPERE, t))
-        plot.draw_output(current, 1e3 * t, part(i), wanted, label=f"{name}: {label}", colour=colour)
+        plots.draw_output(current, 1e3 * t, part(i), wanted, label=f"{name}: {label}", colour=colour)
     once = dict(zip(*reversed(current.get_legend_handles_labels()), strict=True))  # the reference has two curves
     current.legend(once.values(), once.keys(), fontsize=8, frameon=False, loc="upper right", ncols=3)
     current.set_ylabel("current [A]", fontsize=9)
     current.set_ylim(-29.0, 34.0)
     for j, leg in enumerate(shown):
         below = next(axes)
-        plot.draw_command(below, 1e3 * t, u[:-1, j], label="", colour=colours[0])
+        plots.draw_command(below, 1e3 * t, u[:-1, j], label="", colour=colours[0])
         below.set_title(f"leg {leg}: {name}", fontsize=8, loc="left")
         below.set_yticks([0, 1])
 picture.axes[-1].set_xlabel("time [ms]", fontsize=9)
 
-front = plot.figure(size=(7.2, 3.8))
+front = plots.figure(size=(7.2, 3.8))
 (axes,) = front.axes
 marks = {"predictive": "o", "predictive, 25 us": "o", "relay": "^", "comparators": "^"}
-for (law, mark), colour in zip(marks.items(), plot.COLOURS[:1] * 2 + plot.COLOURS[3:4] * 2, strict=True):
+for (law, mark), colour in zip(marks.items(), plots.COLOURS[:1] * 2 + plots.COLOURS[3:4] * 2, strict=True):
     distortion, frequency, _ = np.array([found[f"{law}, {setting}"] for setting in sweeps[law]]).T
     fill = "none" if law in ("predictive, 25 us", "comparators") else "full"
     axes.plot(1e-3 * frequency, distortion, mark, color=colour, markersize=5, fillstyle=fill, label=law)
 distortion, frequency, _ = found["dead time left out"]
-axes.plot(1e-3 * frequency, distortion, "s", color=plot.COLOURS[1], markersize=5, label="dead time left out")
+axes.plot(1e-3 * frequency, distortion, "s", color=plots.COLOURS[1], markersize=5, label="dead time left out")
 ideal = np.array([carrier(frequency) for frequency in (1300.0, 2000.0, 3000.0, 6500.0)])
 axes.plot(1e-3 * ideal[:, 1], ideal[:, 0], color="0.6", zorder=0, label="carrier PWM, at best")
 axes.set(xscale="log", yscale="log")

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from foreswitch import baselines, plot
+from foreswitch import baselines
+from foreswitch.presentation import plots
 from foreswitch.project import Project
 
 here = Path(__file__).parent
@@ -47,20 +48,20 @@ print(f"{'':<28}{'mean  swing    1/h':>22}{'mean  swing    1/h':>22}{'rms error'
 for name, run in runs.items():
     print(f"{name:<28}{soak(run, 21, 32)}{soak(run, 49, 60)}{run.metrics()['rms_error']:12.2f}")
 
-picture = plot.figure(4, size=(7.2, 7.6), heights=[2.4, 2.0, 0.5, 0.5])
+picture = plots.figure(4, size=(7.2, 7.6), heights=[2.4, 2.0, 0.5, 0.5])
 tails, errors, *heaters = picture.axes
 best, minutes = runs[PREDICTIVE], runs[PREDICTIVE].t / 60.0
-plot.draw_output(tails, minutes, best.y[:, 0], best.r[:, 0], label="rest tail, any Td")
+plots.draw_output(tails, minutes, best.y[:, 0], best.r[:, 0], label="rest tail, any Td")
 for name, colour in zip(ZERO, ("#f4b183", "#e2803a", "#a84300"), strict=True):
-    plot.draw_output(tails, minutes, runs[name].y[:, 0], None, label=name, colour=colour)
+    plots.draw_output(tails, minutes, runs[name].y[:, 0], None, label=name, colour=colour)
 tails.set_ylabel("oven [°C]", fontsize=9)
-shown = {"thermostat": plot.COLOURS[4], "PI + PWM": plot.COLOURS[2], PREDICTIVE: plot.COLOURS[0]}
+shown = {"thermostat": plots.COLOURS[4], "PI + PWM": plots.COLOURS[2], PREDICTIVE: plots.COLOURS[0]}
 for name, colour in shown.items():
     run = runs[name]
-    plot.draw_output(errors, minutes, (run.y - run.r)[:, 0], None, label=name, colour=colour)
+    plots.draw_output(errors, minutes, (run.y - run.r)[:, 0], None, label=name, colour=colour)
 errors.set_ylabel("error [°C]", fontsize=9)
 for axes, name in zip(heaters, (PREDICTIVE, "thermostat"), strict=True):
-    plot.draw_command(axes, minutes, runs[name].u[:, 0], label="", colour=shown[name])
+    plots.draw_command(axes, minutes, runs[name].u[:, 0], label="", colour=shown[name])
     axes.set_title(f"heater: {name}", fontsize=8, loc="left")
     axes.set_yticks([0, 1])
 for axes in (tails, errors):

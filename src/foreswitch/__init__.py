@@ -1,67 +1,21 @@
-"""Predictive control of actuators that can only switch and act after a dead time."""
+"""Predictive control of actuators that can only switch and act after a dead time.
 
-from foreswitch import baselines
-from foreswitch.batch import Batch, simulate_batch
-from foreswitch.certificate import Certificate, certify
-from foreswitch.controller import Controller, Decision, Status
-from foreswitch.estimator import Kalman
-from foreswitch.experiment import PulseTest, propose_test
-from foreswitch.export import export_c
-from foreswitch.fit import Candidate, Fit
-from foreswitch.fmu import export_fmu
-from foreswitch.hardware import Hardware, Stuck
-from foreswitch.identify import identify
-from foreswitch.loop import simulate
-from foreswitch.nonlinear import FmuPlant, NonlinearPlant
-from foreswitch.objective import Endpoint, Horizon
-from foreswitch.plant import Plant
-from foreswitch.precision import Precision, compare_precision
-from foreswitch.record import Record
-from foreswitch.reference import HalfSine, Ramp, Reference, Samples, Sine, Stack, Steps
-from foreswitch.run import Run
-from foreswitch.study import Study, study
-from foreswitch.study_draw import LogUniform, Normal, OneOf, Uniform
+The public names and where they live stand in ``__init__.pyi``. A wing is loaded when the first of its names is used.
+"""
 
-__all__ = [
-    "Batch",
-    "Candidate",
-    "Certificate",
-    "Controller",
-    "Decision",
-    "Endpoint",
-    "Fit",
-    "FmuPlant",
-    "HalfSine",
-    "Hardware",
-    "Horizon",
-    "Kalman",
-    "LogUniform",
-    "NonlinearPlant",
-    "Normal",
-    "OneOf",
-    "Plant",
-    "Precision",
-    "PulseTest",
-    "Ramp",
-    "Record",
-    "Reference",
-    "Run",
-    "Samples",
-    "Sine",
-    "Stack",
-    "Status",
-    "Steps",
-    "Stuck",
-    "Study",
-    "Uniform",
-    "baselines",
-    "certify",
-    "compare_precision",
-    "export_c",
-    "export_fmu",
-    "identify",
-    "propose_test",
-    "simulate",
-    "simulate_batch",
-    "study",
-]
+import warnings
+from typing import Any
+
+import lazy_loader
+
+_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_RENAMED = {"Candidate": "FittedStructure"}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _RENAMED:
+        warnings.warn(
+            f"foreswitch.{name} is now called {_RENAMED[name]}; use that name", DeprecationWarning, stacklevel=2
+        )
+        name = _RENAMED[name]
+    return _load(name)

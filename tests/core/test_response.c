@@ -1,4 +1,4 @@
-/* core/response.c against closed forms, over every copy that the number of states selects. */
+/* core/host/response.c against closed forms, over every copy that the number of states selects. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -10,8 +10,8 @@ import numpy as np
 
 import foreswitch as fsw
 from foreswitch import Controller
-from foreswitch.core import CORES, REALS
-from foreswitch.design_header import SIZES
+from foreswitch._binding import CORES, REALS
+from foreswitch.export.header import SIZES
 from targets.harness import HERE, Image, Target
 
 END, STEP, DECIDE_AND_STEP, PRELOAD, START, INIT, TRACK, MISSED, SAFE = range(9)

@@ -18,9 +18,9 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
 import foreswitch as fsw  # noqa: E402
-import horizon_oracle  # noqa: E402
-from kalman_oracle import Estimator, riccati_gain, usable  # noqa: E402
-from oracle import Law  # noqa: E402
+from oracles import horizon as horizon_oracle  # noqa: E402
+from oracles.kalman import Estimator, riccati_gain, usable  # noqa: E402
+from oracles.law import Law  # noqa: E402
 
 SIZES = [
     "states", "inputs", "outputs", "disturbances", "order", "rows", "candidates", "bad_limit", "measured", "loads",
@@ -171,6 +171,11 @@ CASES |= {
 STEPS = 24
 #: How much better the best candidate has to be than the next: more than single precision could blur.
 MARGIN, MARGIN_OF_HORIZON = 0.02, 0.003
+
+
+def number(value):
+    """A number of a golden file, in which NaN and infinity are words."""
+    return [number(item) for item in value] if isinstance(value, list) else float(value)
 
 
 class Watch:

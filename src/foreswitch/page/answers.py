@@ -7,17 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from foreswitch import baselines
-from foreswitch._check import Array
-from foreswitch._text import nearest
-from foreswitch.certificate import Certificate
-from foreswitch.ideal import ideal_run
-from foreswitch.loop import Loop
+from foreswitch._helpers.check import Array
+from foreswitch._helpers.text import nearest
+from foreswitch.certificate.certificate import Certificate
+from foreswitch.certificate.ideal_response import ideal_run
 from foreswitch.page.complaint import Complaint
-from foreswitch.page.replay import moment
 from foreswitch.page.setups import Setup, setup
-from foreswitch.project import SimulationTable
-from foreswitch.run import Run
+from foreswitch.project.project import SimulationTable
+from foreswitch.simulation import baselines
+from foreswitch.simulation.loop import Loop
+from foreswitch.simulation.replay import moment
+from foreswitch.simulation.run import Run
 
 __all__ = ["baseline", "certify", "costs", "look"]
 

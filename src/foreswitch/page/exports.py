@@ -11,12 +11,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from foreswitch.export import check_export, export_c
-from foreswitch.fmu import export_fmu
+from foreswitch.export.firmware import check_export, export_c
+from foreswitch.export.fmu import export_fmu
 from foreswitch.page.complaint import Complaint
 from foreswitch.page.setups import SEED, Setup, setup
-from foreswitch.project import TABLES
-from foreswitch.report import run_report
+from foreswitch.project.project import TABLES
+from foreswitch.simulation.report import run_report
 
 __all__ = ["FILES", "export", "toml"]
 

@@ -10,10 +10,10 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
+from foreswitch.model.reference import Samples
 from foreswitch.page.complaint import Complaint
 from foreswitch.page.limits import LIMITS
-from foreswitch.project import Project
-from foreswitch.reference import Samples
+from foreswitch.project.project import Project
 
 __all__ = ["PRESETS", "dropped", "embedded", "presets", "read", "references"]
 

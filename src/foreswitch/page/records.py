@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from foreswitch import record_plot
-from foreswitch._check import Array
-from foreswitch._csv import read_columns, split
-from foreswitch._text import name_and_unit
-from foreswitch.draft import draft_project
-from foreswitch.fit import Fit
-from foreswitch.identify import identify as find
+from foreswitch._helpers.check import Array
+from foreswitch._helpers.csv import read_columns, split
+from foreswitch._helpers.text import name_and_unit
+from foreswitch.identification import plots
+from foreswitch.identification.fit import Fit
+from foreswitch.identification.record import Record
+from foreswitch.identification.search import identify as find
 from foreswitch.page.complaint import Complaint
-from foreswitch.record import Record
+from foreswitch.studies.draft import draft_project
 
 __all__ = ["columns", "identify"]
 
@@ -176,10 +176,10 @@ def _average(fit: Fit) -> tuple[dict[str, Any], dict[str, Array]]:
     """The average response to equal pulses of the first input that has some, and the model's."""
     record = fit.record
     for j in range(record.u.shape[1]):
-        if (pulses := record_plot.equal_pulses(fit.estimate, j)) is None:
+        if (pulses := plots.equal_pulses(fit.estimate, j)) is None:
             continue
-        grid = np.linspace(-record_plot.BEFORE * pulses.room, (1.0 - 1e-9) * pulses.room, GRID)
-        windows = [record_plot._windows(fit.estimate, o, pulses, grid) for o in range(record.y.shape[1])]
+        grid = np.linspace(-plots.BEFORE * pulses.room, (1.0 - 1e-9) * pulses.room, GRID)
+        windows = [plots._windows(fit.estimate, o, pulses, grid) for o in range(record.y.shape[1])]
         if len(windows[0][0]) < 2:
             continue
         return (

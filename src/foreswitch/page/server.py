@@ -23,7 +23,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from foreswitch._text import nearest
+from foreswitch._helpers.text import nearest
 from foreswitch.page.exports import FILES
 from foreswitch.page.frames import Frames
 from foreswitch.page.guard import Guard, is_loopback

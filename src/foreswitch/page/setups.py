@@ -9,12 +9,12 @@ from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any
 
-from foreswitch import _check
-from foreswitch.objective import Horizon
+from foreswitch._helpers import check
+from foreswitch.control.objective import Horizon
+from foreswitch.model.plant import Plant
 from foreswitch.page.complaint import Complaint
 from foreswitch.page.limits import LIMITS
-from foreswitch.plant import Plant
-from foreswitch.project import Project, Valve
+from foreswitch.project.project import Project, Valve
 
 __all__ = ["SEED", "Setup", "setup"]
 
@@ -120,7 +120,7 @@ def _options(given: Any) -> tuple[float, float]:
     values = []
     for name in ("delay_error", "gain_error"):
         try:
-            values.append(_check.number(name, given.get(name, 0.0)))
+            values.append(check.number(name, given.get(name, 0.0)))
         except (ValueError, OverflowError) as error:
             raise Complaint(str(error), f"options.{name}") from None
     if values[1] <= -1.0:
@@ -187,7 +187,7 @@ def _bound_run(project: Project) -> None:
     """Before it is run: every loop of the simulation has an end that does not depend on the numbers' size."""
     law, table, most = project.controller, project.file.simulation, LIMITS["steps"]
     steps = _periods("duration", table.duration, law.Ts, most, "simulation.duration", "shorten it, or lengthen Ts")
-    if _check.periods(table.duration, law.Ts) < 1:
+    if check.periods(table.duration, law.Ts) < 1:
         raise Complaint(f"duration is {table.duration:g} s, less than a period; lengthen it", "simulation.duration")
     truth = project.truth
     if isinstance(truth, Plant):
@@ -195,7 +195,7 @@ def _bound_run(project: Project) -> None:
         _periods("input_delay", delay, law.Ts, most, f"{place}.input_delay", "shorten it, or lengthen Ts")
     if (hardware := project.hardware) is not None:
         for key, limit in (("opening", most), ("closing", most), ("late", LIMITS["late"])):
-            longest = float(_check.array(key, getattr(hardware, key)).max(initial=0.0))
+            longest = float(check.array(key, getattr(hardware, key)).max(initial=0.0))
             _periods(key, longest, law.Ts, limit, f"simulation.hardware.{key}", "shorten it")
     told = steps * law.evaluations * law.plant.outputs * law.order
     if told > LIMITS["told"]:
@@ -235,7 +235,7 @@ def _searching(project: Project, tables: dict[str, Any]) -> tuple[Project, int |
         return project, None
     budget = max(
         LIMITS["least_nodes"],
-        LIMITS["nodes"] // max(1, _check.periods(project.file.simulation.duration, project.controller.Ts)),
+        LIMITS["nodes"] // max(1, check.periods(project.file.simulation.duration, project.controller.Ts)),
     )
     if objective.node_budget is not None and objective.node_budget <= budget:
         return project, None

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from foreswitch._check import Array
+from foreswitch._helpers.check import Array
 
 __all__ = ["clean", "frame", "pack", "unpack"]
 

@@ -1,0 +1,1 @@
+from foreswitch._binding._core_float64 import *  # noqa: F403

@@ -1,1 +1,0 @@
-from foreswitch._core_float64 import *  # noqa: F403

@@ -1,0 +1,1 @@
+"""What every wing may use and that knows no control: checks of arguments, files written whole, CSV, text."""

@@ -1,0 +1,111 @@
+"""The endpoint objective, designed: rows of theory [4], and the figures of the ideal loop."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from foreswitch._binding.arrays import level_products, reals
+from foreswitch._helpers import check
+from foreswitch._helpers.check import Array
+from foreswitch.control.actuator import Actuator
+from foreswitch.control.ideal_loop import ideal_response
+from foreswitch.control.objective import Endpoint
+from foreswitch.model import prediction
+from foreswitch.model.plant import Plant
+
+__all__ = ["EndpointDesign", "degrees"]
+
+
+def degrees(plant: Plant, given: Any) -> np.ndarray[Any, np.dtype[np.int64]]:
+    """Relative degree of each output: the user's, else found numerically.
+
+    Raises
+    ------
+    ValueError
+        If one is out of range, or no input reaches an output.
+    """
+    if given is not None:
+        values = check.per("relative_degree", given, plant.outputs, "output", least=1.0)
+        if (values > plant.states).any() or (values != np.round(values)).any():
+            raise ValueError(f"relative_degree is {given!r}; give whole numbers from 1 to {plant.states}")
+        return values.astype(np.int64)
+    found = prediction.relative_degrees(plant)
+    if 0 in found:
+        raise ValueError(
+            f"output {found.index(0) + 1} has no candidate effect (h = 0): no input reaches it; check B and C"
+        )
+    return np.array(found, dtype=np.int64)
+
+
+class EndpointDesign:
+    """What `Controller` needs to know of an `Endpoint`; ``plant`` has its loads among the disturbances."""
+
+    evaluations = 1
+
+    def __init__(self, plant: Plant, objective: Endpoint, actuator: Actuator, Ts: float) -> None:
+        if objective.Td < Ts * (1.0 - 1e-9):
+            raise ValueError(f"Td is {objective.Td:g}; it must be at least one switching period Ts = {Ts:g}")
+        q = plant.outputs
+        self.plant, self.objective, self.actuator = plant, objective, actuator
+        self.relative_degree = degrees(plant, objective.relative_degree)
+        lam = check.per("lam", objective.lam, q, "output")
+        self.weight = check.per("weight", objective.weight, q, "output")
+        self.sliding = prediction.sliding(plant, lam, self.relative_degree.tolist())
+        longest = [max(row) for row in actuator.dwell]
+        with np.errstate(over="ignore", invalid="ignore"):  # checked below
+            self.rows = prediction.endpoint_rows(plant, self.sliding, Ts, objective.Td, longest)
+        self.rest = prediction.rest(plant) if objective.tail == "rest" else None
+        for j, row in enumerate(self.rows.hold):
+            scale = np.abs(self.sliding.state).sum(axis=1) * np.abs(plant.B[:, j]).max() * Ts
+            if not np.isfinite(row).all():
+                raise ValueError(f"Td = {objective.Td:g} s is too long for this unstable plant; shorten it")
+            if not (np.abs(row[0]) > 1e-14 * scale).any():
+                raise ValueError(
+                    f"input {j + 1} has no effect on the sliding variable at the evaluation instant (h = 0); "
+                    "change Td, lam or the outputs"
+                )
+        model = prediction.period_model(plant, Ts)
+        self.dc_gain, self.lag = ideal_response(model, self.rows, self.sliding, self.rest, plant.C, self.weight, Ts)
+
+    @staticmethod
+    def reach(objective: Endpoint, Ts: float) -> tuple[float, str]:
+        """How far the prediction goes beyond the dead time [s], and how the user calls it."""
+        return float(objective.Td), "Td"
+
+    def sampling(self, preview: bool | str | float) -> Array:
+        """Offsets from t_k at which the reference is sampled, (1,), or (1, q) where outputs differ."""
+        if isinstance(preview, str):
+            if preview != "lag":
+                raise ValueError(f"preview is {preview!r}; give False, True, 'lag' or seconds")
+            if not np.isfinite(self.lag).all():
+                raise ValueError("preview is 'lag', but the loop has no lag (its DC gain is 0); give seconds")
+            return self.lag[:1] if np.all(self.lag == self.lag[0]) else self.lag[None, :]
+        if isinstance(preview, (bool, np.bool_)):
+            return np.array([float(self.plant.input_delay.max()) + self.objective.Td if preview else 0.0])
+        return np.array([check.number("preview", preview)])
+
+    def endpoint_arrays(self, real: type[np.floating[Any]]) -> tuple[Any, ...]:
+        """From state_row to total_row of the core's design."""
+        rows, each = self.rows, partial(reals, real)
+        return (
+            *map(each, (rows.state, rows.disturbance, rows.offset, self.sliding.reference, 0.5 * self.weight)),
+            each(level_products(rows.pending, self.actuator.levels)),
+            each(np.concatenate([np.ravel(a) for a in rows.hold])),
+            each(rows.total),
+        )
+
+    @property
+    def holds(self) -> list[int]:
+        """Distinct holding times of each input within the horizon, in periods."""
+        return [len(row) for row in self.rows.hold]
+
+    def horizon_parts(self, real: type[np.floating[Any]]) -> None:
+        """None: there is no horizon."""
+
+    def __str__(self) -> str:
+        o = self.objective
+        found = ", ".join(map(str, self.relative_degree))
+        return f"Endpoint(Td={o.Td}, lam={o.lam!r}, tail={o.tail!r}), relative degree {found}"

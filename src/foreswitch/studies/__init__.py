@@ -1,0 +1,8 @@
+"""What of many runs?
+
+In: a project and what is varied. Out: a `Study`, a table of figures of merit; a comparison of laws; a draft of a project
+from a fit.
+
+Rooms, in the order of the data: `distributions` (what is drawn), `plan` (which runs), `workers` (where they run), `store`
+(what an interruption leaves), `result` (the table), `sweep`; `comparison`, `draft`; `plots`.
+"""

@@ -1,0 +1,506 @@
+"""The page's server: who may ask, how much, and that nothing stops it."""
+
+import contextlib
+import json
+import random
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from foreswitch.page.limits import LIMITS
+from foreswitch.page.presets import presets
+from foreswitch.page.wire import unpack
+from page.serving import COMMAND, PATIENCE, Page, alive, ask, free_port, served
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
+
+PROJECTS = {preset["name"]: preset["project"] for preset in presets()}
+HOT = PROJECTS["hot_gas"]
+
+
+@pytest.fixture(scope="module")
+def page():
+    with served() as found:
+        yield found
+
+
+def said(reply):
+    """Status and sentence of a refusal."""
+    status, _, body = reply
+    return status, json.loads(body)["error"]["message"]
+
+
+# What is there --------------------------------------------------------------------------------------------------------
+
+
+def test_start_holds_what_the_page_needs(page):
+    status, headers, body = page.get("/start.json")
+    start = json.loads(body)
+    assert (status, headers["content-type"]) == (200, "application/json")
+    assert start["project"] == HOT
+    assert [preset["name"] for preset in start["presets"]] == ["hot_gas", "chamber", "attitude", "oven", "inverter"]
+    assert start["schema"]["actuator.Ts"]["unit"] == "s"
+    assert start["schema"]["controller.objective"]["choices"] == ["endpoint", "horizon"]
+    assert start["uses"]["plant"]["uses"]["fopdt"]["needed"] == ["K", "T"]
+    assert start["limits"] == LIMITS
+
+
+def test_only_packaged_files_are_served(page):
+    assert page.get("/")[0] == 200
+    assert page.get("/static/index.html")[1]["content-type"].startswith("text/html")
+    for path in ("/static/../server.py", "/static/%2e%2e/server.py", "/static/..%2fserver.py", "/static//etc/passwd",
+                 "/static/%2fetc/passwd", "/static/index.html%00", "/static/", "/static", "/../pyproject.toml",
+                 "/static/uplot/../../server.py"):  # fmt: skip
+        status, _, body = page.get(path)
+        assert status == 404, path
+        assert b"import" not in body
+
+
+def test_every_reply_bears_the_headers_that_keep_it_in(page):
+    replies = [page.get("/"), page.get("/start.json"), page.get("/nothing"), page.get("/", Host="evil.example"),
+               page.post("/project", {}), page.get("/", "DELETE")]  # fmt: skip
+    for _, headers, _ in replies:
+        policy = headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "frame-ancestors 'none'" in policy
+        assert "unsafe" not in policy
+        assert "*" not in policy
+        assert headers["x-content-type-options"] == "nosniff"
+        assert headers["referrer-policy"] == "no-referrer"
+        assert headers["cross-origin-resource-policy"] == "same-origin"
+        assert headers["cache-control"] == "no-store"
+        assert "server" not in headers
+
+
+# Who may ask ----------------------------------------------------------------------------------------------------------
+
+FOREIGN_HOSTS = ["evil.example", "evil.example:{port}", "127.0.0.1", "127.0.0.1:{other}", "127.0.0.1:{port}.evil.example",
+                 "127.0.0.1:{port}@evil.example", "evil.example#127.0.0.1:{port}", "localhost.evil.example:{port}",
+                 "127.0.0.1:0{port}", "0.0.0.0:{port}", "[::]:{port}", "[::ffff:127.0.0.1]:{port}", "::1:{port}",
+                 "2130706433:{port}", "127.1:{port}", "localhost.:{port}", "", "127.0.0.1:{port}, evil.example"]  # fmt: skip
+
+
+@pytest.mark.parametrize("host", FOREIGN_HOSTS)
+def test_another_name_for_this_address_is_refused(page, host):
+    """A name of somebody else's that points here: their script would count as ours (DNS rebinding)."""
+    name = host.format(port=page.port, other=page.port + 1)
+    assert said(page.get("/start.json", Host=name))[0] == 403
+    with pytest.raises((InvalidStatus, ConnectionClosed)), page.talk(additional_headers={}, origin=f"http://{name}"):
+        pass
+
+
+def test_a_missing_or_second_name_is_refused(page):
+    assert page.get("/start.json", Host=None)[0] in (400, 403)
+    with socket.create_connection(("127.0.0.1", page.port)) as raw:
+        raw.sendall(f"GET /start.json HTTP/1.1\r\nHost: {page.host}\r\nHost: evil.example\r\n\r\n".encode())
+        assert b" 200 " not in raw.recv(4096).split(b"\r\n")[0]
+    with socket.create_connection(("127.0.0.1", page.port)) as raw:
+        raw.sendall(f"GET http://evil.example/start.json HTTP/1.1\r\nHost: {page.host}\r\n\r\n".encode())
+        assert b" 200 " not in raw.recv(4096).split(b"\r\n")[0]
+
+
+@pytest.mark.parametrize("name", ["127.0.0.1", "localhost", "LOCALHOST", "[::1]"])
+def test_names_of_this_machine_are_its_own(page, name):
+    host = f"{name}:{page.port}"
+    assert page.get("/start.json", Host=host)[0] == 200
+    assert page.post("/columns", b"t,u,y\n", Host=host, Origin=f"http://{host.lower()}")[0] == 422
+
+
+@pytest.mark.parametrize(
+    "origin",
+    ["http://evil.example", "null", "", "https://{host}", "http://{host}.evil.example", "http://127.0.0.1", "http://{host}/",
+     "http://localhost:{port}", "file://", "{host}"],
+)  # fmt: skip
+def test_another_site_is_refused(page, origin):
+    given = origin.format(host=page.host, port=page.port)
+    assert said(page.get("/start.json", Origin=given))[0] == 403
+    assert said(page.post("/project", {"toml": ""}, Origin=given))[0] == 403
+    with pytest.raises(InvalidStatus) as refused, page.talk(origin=given):
+        pass
+    assert refused.value.response.status_code == 403
+
+
+def test_whoever_does_not_say_where_it_comes_from_may_only_read(page):
+    assert page.get("/start.json")[0] == 200
+    assert page.post("/project", {"toml": ""}, Origin=None)[0] == 403
+    assert page.get("/start.json", Sec_Fetch_Site="cross-site")[0] == 403
+    assert page.get("/", Sec_Fetch_Site="cross-site", Sec_Fetch_Mode="navigate")[0] == 200
+    with pytest.raises(InvalidStatus), page.talk(origin=None):
+        pass
+
+
+# How much -------------------------------------------------------------------------------------------------------------
+
+
+def test_an_upload_is_cut_off_at_its_limit(page):
+    limit = LIMITS["record"]
+    before = page.memory()[0]
+    status, sentence = said(page.post("/columns", b"1" * (limit + 1)))
+    assert (status, sentence) == (413, f"the upload is longer than {limit} bytes; send less")
+    # without a length, in pieces: cut off on the way
+    with socket.create_connection(("127.0.0.1", page.port)) as raw:
+        raw.settimeout(PATIENCE)
+        raw.sendall(page.head("POST", "/columns", "Transfer-Encoding: chunked"))
+        sent, piece = 0, b"10000\r\n" + b"1" * 65536 + b"\r\n"
+        try:
+            while sent < 40 * limit:
+                raw.sendall(piece)
+                sent += 65536
+        except OSError:
+            pass
+        assert limit < sent < 3 * limit
+    assert page.post("/export/project.toml", b"1" * (LIMITS["message"] + 1))[0] == 413
+    assert page.get("/start.json", "GET", b"1")[0] == 413
+    assert page.memory()[0] < before + 4 * limit
+
+
+def test_slow_clients_keep_nobody_waiting(page):
+    slow = [socket.create_connection(("127.0.0.1", page.port)) for _ in range(50)]
+    try:
+        for i, raw in enumerate(slow):
+            raw.sendall(page.head("POST", "/columns", "Content-Length: 100")[: 20 if i % 2 else None])
+        begun = time.monotonic()
+        assert page.get("/start.json")[0] == 200
+        with page.talk() as talk:
+            assert ask(talk, "look", HOT)[1]["t"].size == 601
+        assert time.monotonic() - begun < 5.0
+    finally:
+        for raw in slow:
+            raw.close()
+
+
+def test_a_long_message_ends_the_talk_and_no_other(page):
+    with page.talk() as other:
+        whole = "x" * (LIMITS["message"] + 1)
+        for message in (whole, (whole[i : i + 1000] for i in range(0, len(whole), 1000))):  # and in fragments
+            with page.talk() as talk, contextlib.suppress(ConnectionClosed):
+                talk.send(message)
+                talk.recv(timeout=PATIENCE)
+                pytest.fail("it was answered")
+        assert ask(other, "look", HOT)[1]["t"].size == 601
+
+
+def test_nothing_is_unfolded(page):
+    """A compressed message could be a thousand times as long as what is sent."""
+    with page.talk(compression="deflate") as talk:
+        assert "sec-websocket-extensions" not in talk.response.headers
+
+
+def raw_talk(page):
+    """A WebSocket without a library, for frames that none would send."""
+    raw = socket.create_connection(("127.0.0.1", page.port))
+    raw.settimeout(PATIENCE)
+    key = "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA=="
+    raw.sendall(page.head("GET", "/ws", "Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13", key))
+    assert b" 101 " in raw.recv(4096)
+    return raw
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [b"\x81\x82\0\0\0\0\xff\xfe", b"\xc1\x80\0\0\0\0", b"\x81\x01x", b"\x83\x80\0\0\0\0", b"\x89\xfe\x01\0" + bytes(300),
+     b"\x80\x80\0\0\0\0", b"\x81\xff" + b"\x7f" * 8],
+    ids=["no UTF-8", "compressed", "unmasked", "unknown kind", "long ping", "rest of nothing", "endless"],
+)  # fmt: skip
+def test_a_frame_that_breaks_the_rules_ends_the_talk(page, frames):
+    with raw_talk(page) as raw:
+        raw.sendall(frames)
+        assert raw.recv(4096)[:1] == b"\x88"
+
+
+@pytest.mark.parametrize("frame", [b"\x89\xfd" + bytes(129), b"\x00\x80\0\0\0\0"], ids=["pings", "empty fragments"])
+def test_frames_without_end_do_not_fill_the_memory(page, frame):
+    """Nobody reads the pongs; fragments of no length are never too long together."""
+    with raw_talk(page) as raw:
+        raw.sendall(b"\x01\x80\0\0\0\0")
+        ended = False
+        try:
+            for _ in range(20_000):
+                raw.sendall(frame * 300)
+        except (BrokenPipeError, ConnectionResetError):
+            ended = True
+        assert ended
+    with page.talk() as talk:
+        assert ask(talk, "look", HOT)[1]["t"].size == 601
+
+
+# The talk -------------------------------------------------------------------------------------------------------------
+
+
+def test_what_is_out_of_date_is_said_to_be(page):
+    """Of requests sent at once the first and the last are computed; every one is answered once."""
+    with page.talk() as talk:
+        for i in range(40):
+            talk.send(json.dumps({"id": i, "kind": "look", "project": HOT}))
+        for i in range(40, 43):
+            talk.send(json.dumps({"id": i, "kind": "look", "project": HOT, "lane": "pin"}))
+        found = [unpack(talk.recv(timeout=PATIENCE)) for _ in range(43)]
+    assert sorted(header["id"] for header, _ in found) == list(range(43))
+    full = {header["id"] for header, arrays in found if arrays}
+    assert {39, 42} <= full
+    assert {header["id"] for header, _ in found if header.get("stale")} == set(range(43)) - full
+    assert len(full) < 20
+
+
+def test_only_so_many_requests_of_a_page_wait(page):
+    """Each with a key of its own, so that none is out of date."""
+    with page.talk() as talk:
+        for i in range(60):
+            talk.send(json.dumps({"id": i, "kind": "certify", "lane": str(i), "project": PROJECTS["inverter"]}))
+        first, _ = unpack(talk.recv(timeout=PATIENCE))
+    assert "too many requests wait" in first["error"]["message"]
+
+
+def test_a_look_does_not_wait_for_a_certificate(page):
+    with page.talk() as talk:
+        talk.send(json.dumps({"id": "slow", "kind": "certify", "project": PROJECTS["inverter"]}))
+        talk.send(json.dumps({"id": "fast", "kind": "look", "project": HOT}))
+        assert unpack(talk.recv(timeout=PATIENCE))[0]["id"] == "fast"
+        header, arrays = unpack(talk.recv(timeout=PATIENCE))
+    assert header["id"] == "slow"
+    assert header["holds"] is False
+    assert arrays["ideal"].shape == (2, 1201)
+
+
+HEAVY = {
+    "long": ("simulation", {"duration": 1e9}),
+    "fine": ("actuator", {"levels": [0, 1], "Ts": 1e-9}),
+    "points": ("reference", {"kind": "points", "times": list(range(60000)), "values": [0] * 60000}),
+    "many levels": ("actuator", {"levels": [i * 1e-3 for i in range(255)], "Ts": 1e-3}),
+    "stiff": ("plant", {"model": "transfer_function", "num": [1e300], "den": [1e-300, 1e300, 1.0]}),
+    "unstable": ("plant", {"model": "transfer_function", "num": [1.0], "den": [1.0, -1e5, 0.0]}),
+    "nested": ("plant", json.loads("[" * 400 + "]" * 400)),
+    "far valve": ("simulation", {"duration": 19.0, "disturbance": {"gain": 1.0, "high": 1.0}}),
+    "huge numbers": ("controller", {"Td": 0.02, "lam": 1e308}),
+    "drift": ("simulation", {"duration": 99.0, "hardware": {"opening": 0.0123, "closing": 50.0, "late": 0.9}}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HEAVY)
+def test_any_project_is_answered_in_bounded_time(page, name):
+    key, value = HEAVY[name]
+    with page.talk() as talk:
+        begun = time.monotonic()
+        for kind in ("look", "costs"):
+            header, arrays = ask(talk, kind, HOT | {key: value}, step=5)
+            assert arrays or header["error"]["message"]
+        assert time.monotonic() - begun < 30.0
+        assert ask(talk, "look", HOT)[1]["t"].size == 601
+
+
+def test_the_longest_horizon_is_answered(page):
+    project = PROJECTS["inverter"] | {
+        "controller": {"objective": "horizon", "steps": 64, "preview": True, "terminal": "riccati"}
+    }
+    with page.talk() as talk:
+        header, arrays = ask(talk, "look", project)
+        assert arrays["u"].shape == (3, 1200)
+        assert any("cut" in sentence for sentence in header["warnings"])
+
+
+JUNK = random.Random(1)
+
+
+def junk(i):
+    """Anything but a request that can be answered."""
+    kinds = (
+        lambda: JUNK.randbytes(JUNK.randrange(200)),
+        lambda: "".join(chr(JUNK.randrange(32, 0xD7FF)) for _ in range(JUNK.randrange(60))),
+        lambda: json.dumps(JUNK.choice([None, 3, [], "x", {}, [[]], True, 1e300])),
+        lambda: json.dumps({"id": JUNK.choice([None, 1.5, {}, [1], True, "x" * 100, -1]), "kind": "look"}),
+        lambda: json.dumps({"id": i, "kind": JUNK.choice(["", "lok", None, 3, "__class__", "export"])}),
+        lambda: json.dumps({"id": i, "kind": "look", "lane": JUNK.choice([None, 3, "x" * 100])}),
+        lambda: '{"id": 1, "kind": "look"' + JUNK.choice(["", ",", "}}", ', "project": {', "\0"]),
+        lambda: "[" * JUNK.choice([10, 100000]),
+        lambda: '{"id": ' + "9" * JUNK.choice([30, 5000]) + ', "kind": "look"}',
+        lambda: json.dumps(
+            {"id": i, "kind": "look", "project": JUNK.choice([None, 3, [], {}, {"plant": 3}, {"plant": {}}])}
+        ),
+        lambda: json.dumps({"id": i, "kind": "costs", "project": HOT, "step": JUNK.choice([-1, 1e9, None, "x"])}),
+        lambda: json.dumps(
+            {"id": i, "kind": "look", "project": HOT | {"plant": JUNK.choice([[], "\ud800", {"k": "\0"}])}}
+        ),
+    )
+    return JUNK.choice(kinds)()
+
+
+def test_ten_thousand_bad_messages_leave_no_trace(page):
+    """Each is answered, or its talk is ended; memory, threads, open files and processes are afterwards what they were."""
+
+    def pelt(first, count):
+        at, last, answers, ended = first, first + count, 0, 0
+        while at < last:
+            with page.talk() as talk:
+                try:
+                    while at < last:
+                        burst = min(50, last - at)
+                        for i in range(burst):
+                            talk.send(junk(at + i))
+                        at += burst
+                        for _ in range(burst):
+                            header, arrays = unpack(talk.recv(timeout=PATIENCE))
+                            assert not arrays
+                            assert header.get("stale") or header["error"]["message"]
+                            answers += 1
+                except ConnectionClosed:
+                    ended += 1
+        return answers
+
+    pelt(0, 1000)  # what is loaded on first use
+    workers, threads, files, memory = page.children(), page.threads(), page.files(), page.memory()
+    begun = time.monotonic()
+    assert pelt(1000, 10000) == 10000
+    took = time.monotonic() - begun
+    deadline = time.monotonic() + 5.0
+    while page.files() > files and time.monotonic() < deadline:
+        time.sleep(0.05)  # sockets are closed a moment later
+    assert page.children() == workers
+    assert page.threads() <= threads
+    assert page.files() <= files
+    for now, before in zip(page.memory(), memory, strict=True):
+        assert now < before + (8 << 20)
+    assert took < 60.0
+    with page.talk() as talk:
+        assert ask(talk, "look", HOT)[1]["t"].size == 601
+
+
+def test_a_client_that_does_not_read_is_not_waited_for(page):
+    """Its replies pile up no further than the socket takes; others are served meanwhile."""
+    before = page.memory()[0]
+    with page.talk(max_queue=1) as deaf, page.talk() as other:
+        deaf.socket.settimeout(0.5)
+        try:
+            for i in range(3000):
+                deaf.send(json.dumps({"id": i, "kind": "look", "lane": str(i), "project": HOT}))
+        except OSError:
+            pass
+        for _ in range(5):
+            assert ask(other, "look", HOT)[1]["t"].size == 601
+        assert page.memory()[0] < before + (64 << 20)
+        deaf.close_socket()
+
+
+# Life and death -------------------------------------------------------------------------------------------------------
+
+
+def test_a_project_that_is_named_is_the_first_shown(tmp_path):
+    (tmp_path / "ref.csv").write_text("t,p\n0,1\n1,2\n")
+    text = presets.__globals__["files"]("foreswitch").joinpath("examples/oven/project.toml").read_text()
+    project = tmp_path / "project.toml"
+    project.write_text(
+        text.replace("programme.csv", "ref.csv").replace("t [s]", "t").replace('value = "oven [°C]"', 'value = "p"')
+    )
+    with served(str(project)) as page:
+        start = json.loads(page.get("/start.json")[2])
+    assert start["project"]["reference"] == {
+        "kind": "points",
+        "between": "linear",
+        "times": [0.0, 1.0],
+        "values": [1.0, 2.0],
+    }
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_no_process_outlives_the_page(how):
+    page = Page()
+    with page.talk() as talk:
+        talk.send(json.dumps({"id": 1, "kind": "certify", "project": PROJECTS["inverter"]}))
+        assert ask(talk, "look", HOT)[1]["t"].size == 601
+        children = page.children()
+        assert len(children) >= 2
+        code, _, err = page.close(how)
+    assert code == (0 if how == signal.SIGINT else -how)
+    assert err == ""
+    end = time.monotonic() + PATIENCE
+    while any(map(alive, children)):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def complaint(*arguments):
+    done = subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, timeout=PATIENCE)
+    assert done.returncode == 2
+    assert done.stderr.startswith("foreswitch: ")
+    assert done.stderr.count("\n") == 1
+    return done.stderr
+
+
+def test_what_cannot_be_listened_at_is_said_in_one_sentence(page):
+    assert f"port {page.port}" in complaint("--port", str(page.port))
+    assert "--remote" in complaint("--host", "0.0.0.0")
+    assert "--remote" in complaint("--host", "192.0.2.1")
+    assert "192.0.2.1" in complaint("--host", "192.0.2.1", "--remote")
+    assert "cannot be read" in complaint("nowhere.toml")
+
+
+def test_without_the_extra_it_says_what_to_install():
+    program = (
+        "import sys\nfor name in ('starlette', 'uvicorn', 'websockets'): sys.modules[name] = None\n"
+        "from foreswitch.cli import main\nmain(['page', '--no-open'])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=PATIENCE)
+    assert done.returncode == 2
+    assert "pip install 'foreswitch[page]'" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+# Beyond this machine --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def far():
+    """Listening at all addresses; what it prints is the only way in."""
+    with served("--host", "0.0.0.0", "--remote") as found:
+        yield found
+
+
+def test_elsewhere_a_token_is_needed(far):
+    token = far.link.split("?token=")[1]
+    assert len(token) >= 43  # 256 bits
+    for path in ("/", "/start.json", "/static/index.html", "/?token=", "/?token=" + "x" * 43, f"/start.json?token={token}",
+                 f"/?token={token[:-1]}", f"/?token=x&token={token}"):  # fmt: skip
+        assert said(far.get(path))[0] == 403, path
+    assert said(far.get("/start.json", Cookie=f"foreswitch-{far.port}=wrong"))[0] == 403
+    assert said(far.get("/start.json", Cookie=f"foreswitch-{far.port}=\xe9"))[0] == 403
+    with pytest.raises(InvalidStatus), far.talk():
+        pass
+
+    status, headers, body = far.get(f"/?token={token}")
+    assert status == 200
+    kept = headers["set-cookie"]
+    assert "HttpOnly" in kept
+    assert "SameSite=Strict" in kept
+    assert token.encode() not in body
+    cookie = kept.split(";")[0]
+    assert far.get("/start.json", Cookie=f"other=1; {cookie}")[0] == 200
+    assert said(far.get("/start.json", Cookie=cookie, Host=f"evil.example:{far.port}"))[0] == 403
+    assert said(far.post("/project", {}, Cookie=cookie, Origin="http://evil.example"))[0] == 403
+    assert far.get("/start.json", Cookie=cookie, Host=f"192.0.2.7:{far.port}")[0] == 200
+    with far.talk(additional_headers={"Cookie": cookie}) as talk:
+        assert ask(talk, "look", HOT)[1]["t"].size == 601
+
+
+@pytest.mark.parametrize("host", ["127.0.0.2", "::1"])
+def test_any_address_of_this_machine_alone_will_do(host):
+    try:
+        with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as tried:
+            tried.bind((host, 0))
+    except OSError:
+        pytest.skip("this machine has no such address")
+    page = Page("--host", host, waits=False)
+    try:
+        with page.talk() as talk:
+            assert ask(talk, "look", HOT)[1]["t"].size == 601
+    finally:
+        assert page.close()[::2] == (0, "")
+
+
+def test_a_free_port_is_found():
+    port = free_port()
+    with served("--port", str(port)) as page:
+        assert page.port == port

@@ -1,0 +1,193 @@
+"""The package's own rules: what it loads, what is exported, and that everything public is documented."""
+
+import ast
+import doctest
+import importlib
+import inspect
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import foreswitch as fsw
+
+SOURCE = Path(fsw.__file__).parent
+MODULES = sorted(
+    ".".join(path.relative_to(SOURCE.parent).with_suffix("").parts).removesuffix(".__init__")
+    for path in SOURCE.rglob("*.py")
+)
+#: Not of a light door: what plots, checks, prints, fits and tabulates.
+HEAVY = {"matplotlib", "pydantic", "jinja2", "rich", "pandas", "scipy.stats", "scipy.signal", "scipy.optimize"}
+OPTIONAL = {"control", "pandas", "pyarrow", "fmpy", "dask", "distributed", "starlette", "uvicorn", "websockets"}
+
+
+# Doors ----------------------------------------------------------------------------------------------------------------
+
+
+def loaded_by(statement):
+    """Modules that a statement loads in a process of its own."""
+    command = [sys.executable, "-X", "importtime", "-c", statement]
+    told = subprocess.run(command, capture_output=True, text=True, check=True).stderr
+    return {line.rpartition("|")[2].strip() for line in told.splitlines()}
+
+
+def within(modules, libraries):
+    return {name for name in modules if any(f"{name}.".startswith(f"{library}.") for library in libraries)}
+
+
+def test_the_door_is_light():
+    assert within(loaded_by("import foreswitch"), HEAVY | OPTIONAL) == set()
+
+
+def test_a_controller_and_its_loop_need_no_heavy_library():
+    """Endpoint and horizon, with a filter, in closed loop: still without pictures, fits and statistics."""
+    run = """
+import foreswitch as fsw
+valve = fsw.Plant.integrator_lag(k=16500.0, c=0.006, L=0.005)
+for objective in (fsw.Endpoint(Td=0.02, lam=2500.0), fsw.Horizon(4)):
+    law = fsw.Controller(valve, [0, 1], 1e-3, objective, estimator=fsw.Kalman(1.0, 1.0))
+    fsw.simulate(law, fsw.HalfSine(height=100.0, duration=0.1), 0.1)
+"""
+    assert within(loaded_by(run), HEAVY | OPTIONAL) == set()
+
+
+def test_the_search_for_heavy_libraries_finds_them():
+    assert within(loaded_by("import foreswitch; foreswitch.identify"), HEAVY) >= {"scipy.stats", "scipy.optimize"}
+
+
+def test_optional_libraries_are_imported_where_they_are_used():
+    """But the page's server, which is of one of them."""
+    for path in SOURCE.rglob("*.py"):
+        if path.parent.name == "page":
+            continue
+        top = ast.parse(path.read_text()).body
+        names = {alias.name.split(".")[0] for node in top if isinstance(node, ast.Import) for alias in node.names}
+        names |= {(node.module or "").split(".")[0] for node in top if isinstance(node, ast.ImportFrom)}
+        assert not names & OPTIONAL, path
+
+
+# Names ----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_all_names_exist_and_stand_once(module):
+    loaded = importlib.import_module(module)
+    listed = getattr(loaded, "__all__", [])
+    assert listed or loaded.__file__.endswith("__init__.py")
+    assert len(set(listed)) == len(listed)
+    assert [name for name in listed if not hasattr(loaded, name)] == []
+
+
+def test_no_wing_or_module_bears_the_name_of_a_public_function():
+    """Else ``import foreswitch.wing.module as m`` could give a function."""
+    functions = {name for name in fsw.__all__ if inspect.isfunction(getattr(fsw, name))}
+    assert len(functions) >= 9
+    assert {name for module in MODULES for name in module.split(".")} & functions == set()
+
+
+def test_each_wing_says_what_it_answers():
+    for path in SOURCE.glob("*/__init__.py"):
+        text = ast.get_docstring(ast.parse(path.read_text()))
+        assert text, path
+        if not path.parent.name.startswith("_") and path.parent.name not in ("demo", "cli", "page"):
+            assert {"In:", "Out:", "Rooms"} <= set(re.findall(r"In:|Out:|Rooms", text)), path
+
+
+def test_the_stub_is_the_one_list_of_public_names():
+    """What type checkers see is what is loaded."""
+    stub = ast.parse(Path(fsw.__file__).with_suffix(".pyi").read_text())
+    names = [alias for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names]
+    assert all(alias.asname == alias.name for alias in names)
+    assert sorted(alias.name for alias in names) == sorted(fsw.__all__)
+
+
+def test_an_old_name_still_serves_and_says_the_new_one():
+    with pytest.warns(DeprecationWarning, match="foreswitch.Candidate is now called FittedStructure"):
+        assert fsw.Candidate is fsw.FittedStructure
+    with pytest.raises(AttributeError):
+        fsw.Candidates  # noqa: B018
+
+
+def test_the_contract_names_are_there():
+    assert {"Plant", "Controller", "Endpoint", "Sine", "Ramp", "Steps", "HalfSine", "Samples", "Stack"} <= set(
+        fsw.__all__
+    )
+    assert {"simulate", "Run", "Decision", "Status", "baselines"} <= set(fsw.__all__)
+    assert {"simulate_batch", "Batch", "Hardware", "Stuck", "NonlinearPlant", "FmuPlant"} <= set(fsw.__all__)
+
+
+# Documentation --------------------------------------------------------------------------------------------------------
+
+
+def public_objects():
+    """Every public class, function and method by dotted name."""
+    found = {f"foreswitch.{name}": getattr(fsw, name) for name in fsw.__all__}
+    found |= {f"foreswitch.baselines.{name}": getattr(fsw.baselines, name) for name in fsw.baselines.__all__}
+    for name, item in list(found.items()):
+        if inspect.isclass(item):
+            for attribute, value in vars(item).items():
+                plain = value.__func__ if isinstance(value, (classmethod, staticmethod)) else value
+                if not attribute.startswith("_") and (inspect.isfunction(plain) or isinstance(plain, property)):
+                    found[f"{name}.{attribute}"] = plain
+    return {name: item for name, item in found.items() if not inspect.ismodule(item)}
+
+
+PUBLIC = public_objects()
+
+
+def parameters(item):
+    """Names that a call takes; none for properties and enumerations."""
+    if isinstance(item, property) or (inspect.isclass(item) and issubclass(item, (int, BaseException))):
+        return []
+    return [name for name in inspect.signature(item).parameters if name not in ("self", "cls")]
+
+
+def documented(item):
+    """Names in the Parameters or Attributes section; `a, b : type` names both."""
+    lines = inspect.cleandoc(item.__doc__).splitlines()
+    names = set()
+    for i, line in enumerate(lines[:-1]):
+        if line in ("Parameters", "Attributes") and re.fullmatch("-+", lines[i + 1]):
+            for entry in lines[i + 2 :]:
+                if entry and not entry.startswith(" "):
+                    names |= {name.strip().lstrip("*") for name in entry.split(" : ")[0].split(",")}
+                if re.fullmatch("-+", entry):
+                    break
+    return names
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_everything_public_is_documented_down_to_each_parameter(name):
+    item = PUBLIC[name]
+    assert item.__doc__, f"{name} has no docstring"
+    assert not item.__doc__.startswith(f"{name.split('.')[-1]}("), f"{name} has only the docstring that dataclass makes"
+    assert set(parameters(item)) - documented(item) == set()
+
+
+def test_the_search_for_public_objects_finds_them():
+    """The meta-test above would pass on an empty list."""
+    assert {
+        "foreswitch.Plant",
+        "foreswitch.Plant.from_tf",
+        "foreswitch.Controller.reset",
+        "foreswitch.Run.metrics",
+        "foreswitch.Samples.read_csv",
+        "foreswitch.simulate",
+        "foreswitch.baselines.tune",
+    } <= set(PUBLIC)
+    assert parameters(fsw.Controller)[:3] == ["plant", "levels", "Ts"]
+    assert documented(fsw.Controller) >= {"min_on", "min_off", "bad_limit"}
+
+
+@pytest.mark.parametrize("module", [name for name in MODULES if ".cli" not in name])
+def test_examples_in_docstrings_run(module):
+    loaded = importlib.import_module(module)
+    assert doctest.testmod(loaded).failed == 0
+
+
+def test_there_are_examples_to_run():
+    finder = doctest.DocTestFinder()
+    counts = [len(test.examples) for module in (fsw.Plant, fsw.Controller) for test in finder.find(module)]
+    assert sum(counts) >= 4

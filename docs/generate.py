@@ -30,7 +30,8 @@ from foreswitch.demo.hot_gas import Demo, hot_gas_file, run_demo
 from foreswitch.export.firmware import firmware_figures
 from foreswitch.identification.structures import STRUCTURES, Structure
 from foreswitch.presentation import report
-from foreswitch.project.project import TABLES as EVERY, Choice, PlantTable, Project
+from foreswitch.project.project import Project
+from foreswitch.project.tables import TABLES as EVERY, Choice, PlantTable
 
 ROOT = Path(__file__).resolve().parent.parent
 

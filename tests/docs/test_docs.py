@@ -174,7 +174,7 @@ def test_every_key_is_described(generate):
 
 
 def test_no_table_of_the_file_is_left_out(generate):
-    from foreswitch.project.project import File, Table
+    from foreswitch.project.tables import File, Table
 
     tables = set(generate.TABLES.values())
     assert set(File.model_fields) == {name for name in generate.TABLES if "." not in name}

@@ -11,7 +11,8 @@ from foreswitch.model.reference import sample
 from foreswitch.page import jobs, presets
 from foreswitch.page.limits import LIMITS
 from foreswitch.page.wire import clean, pack, unpack
-from foreswitch.project.project import TABLES, Project
+from foreswitch.project.project import Project
+from foreswitch.project.tables import TABLES
 from foreswitch.simulation.loop import sampled
 from oracles import rig as rig_oracle
 from page.projects import CHAMBER, EXAMPLES, FILTER, GONE, HORIZON, HOT, INVERTER, OVEN, REAL_SENSOR, changed

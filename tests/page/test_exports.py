@@ -12,7 +12,8 @@ from foreswitch.cli import app
 from foreswitch.page import exports, jobs
 from foreswitch.page.presets import dropped
 from foreswitch.page.schema import schema, uses
-from foreswitch.project.project import TABLES, Project
+from foreswitch.project.project import Project
+from foreswitch.project.tables import TABLES
 from page.projects import CHAMBER, EXAMPLES, FILTER, HORIZON, HOT, INVERTER, REAL_SENSOR, changed
 
 

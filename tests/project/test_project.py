@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import foreswitch as fsw
-from foreswitch.project.project import ControllerTable, EstimatorTable, HardwareTable, Project
+from foreswitch.project.project import Project
+from foreswitch.project.tables import ControllerTable, EstimatorTable, HardwareTable
 from places import EXAMPLES
 
 HOT_GAS = EXAMPLES / "hot_gas/project.toml"

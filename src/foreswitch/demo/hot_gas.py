@@ -20,7 +20,8 @@ from foreswitch.identification.search import identify
 from foreswitch.model.reference import HalfSine, Sine
 from foreswitch.presentation import plots
 from foreswitch.presentation.report import Picture, Report, Section, Table, number
-from foreswitch.project.project import Project, Valve
+from foreswitch.project.project import Project
+from foreswitch.project.tables import Valve
 from foreswitch.simulation import baselines
 from foreswitch.simulation.loop import Law
 from foreswitch.simulation.report import metric_table, tuning_table

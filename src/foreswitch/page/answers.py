@@ -13,7 +13,7 @@ from foreswitch.certificate.certificate import Certificate
 from foreswitch.certificate.ideal_response import ideal_run
 from foreswitch.page.complaint import Complaint
 from foreswitch.page.setups import Setup, setup
-from foreswitch.project.project import SimulationTable
+from foreswitch.project.tables import SimulationTable
 from foreswitch.simulation import baselines
 from foreswitch.simulation.loop import Loop
 from foreswitch.simulation.replay import moment

@@ -8,7 +8,8 @@ from functools import partial
 from typing import Any
 
 from foreswitch.page.limits import LIMITS
-from foreswitch.project.project import File, HardwareTable, Project, ReferenceTable, SimulationTable, Valve
+from foreswitch.project.project import Project
+from foreswitch.project.tables import File, HardwareTable, ReferenceTable, SimulationTable, Valve
 
 __all__ = ["Complaint", "field_of", "short"]
 

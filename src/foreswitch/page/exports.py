@@ -15,7 +15,7 @@ from foreswitch.export.firmware import check_export, export_c
 from foreswitch.export.fmu import export_fmu
 from foreswitch.page.complaint import Complaint
 from foreswitch.page.setups import SEED, Setup, setup
-from foreswitch.project.project import TABLES
+from foreswitch.project.tables import TABLES
 from foreswitch.simulation.report import run_report
 
 __all__ = ["FILES", "export", "toml"]

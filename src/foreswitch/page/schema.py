@@ -7,7 +7,7 @@ import types
 import typing
 from typing import Any
 
-from foreswitch.project.project import TABLES, Choice
+from foreswitch.project.tables import TABLES, Choice
 
 __all__ = ["schema", "uses"]
 

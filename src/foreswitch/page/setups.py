@@ -14,7 +14,8 @@ from foreswitch.control.objective import Horizon
 from foreswitch.model.plant import Plant
 from foreswitch.page.complaint import Complaint
 from foreswitch.page.limits import LIMITS
-from foreswitch.project.project import Project, Valve
+from foreswitch.project.project import Project
+from foreswitch.project.tables import Valve
 
 __all__ = ["SEED", "Setup", "setup"]
 

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
-from foreswitch.project.project import File, Project, Table
+from foreswitch.project.project import Project
+from foreswitch.project.tables import File, Table
 from foreswitch.simulation.loop import Loop, checked_seed
 from foreswitch.studies.distributions import SHARED, Distribution, OneOf, Words, column, mixed, parsed, shares
 

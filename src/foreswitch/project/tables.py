@@ -1,0 +1,353 @@
+"""The tables of a project file: each key with its type, default and meaning, and what a table builds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import BaseModel, ConfigDict, Field
+
+from foreswitch._helpers.check import Array
+from foreswitch.control.objective import Endpoint, Horizon
+from foreswitch.model.hardware import Hardware, Stuck
+from foreswitch.model.plant import Plant
+from foreswitch.model.reference import HalfSine, Ramp, Reference, Samples, Sine, Steps, sample
+
+__all__ = [
+    "SUBTABLES",
+    "TABLES",
+    "ActuatorTable",
+    "Choice",
+    "ControllerTable",
+    "EstimatorTable",
+    "File",
+    "HardwareTable",
+    "PlantTable",
+    "ReferenceTable",
+    "SimulationTable",
+    "Table",
+    "Valve",
+]
+
+Vector = list[float]
+Matrix = list[list[float]]
+Key = Field  # one line per key: default, then what it means
+
+
+class Table(BaseModel):
+    """A TOML table; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    def given(self, *names: str) -> dict[str, Any]:
+        """The keys that were set, as arguments."""
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+
+class Choice(Table):
+    """A table one of whose keys decides which others are needed."""
+
+    BY: ClassVar[str]
+    #: Choice -> keys it needs, keys it may have besides.
+    USES: ClassVar[dict[str, tuple[tuple[str, ...], tuple[str, ...]]]]
+    ALWAYS: ClassVar[tuple[str, ...]] = ()
+
+    def arguments(self, table: str) -> dict[str, Any]:
+        """The keys that go with the choice."""
+        choice = getattr(self, self.BY)
+        needed, optional = self.USES[choice]
+        missing = [name for name in needed if getattr(self, name) is None]
+        surplus = self.model_fields_set - {self.BY, *needed, *optional, *self.ALWAYS}
+        if missing and (self.BY in self.model_fields_set or not surplus):
+            raise ValueError(f"[{table}] has no key {missing[0]!r}, which {self.BY} = {choice!r} needs; add it")
+        if surplus:
+            key = min(surplus)
+            others = [other for other, (must, may) in self.USES.items() if key in (*must, *may)]
+            remedy = f"remove it, or give {self.BY} = {others[0]!r}" if len(others) == 1 else "remove it"
+            raise ValueError(f"[{table}] has key {key!r}, which {self.BY} = {choice!r} does not use; {remedy}")
+        return self.given(*needed, *optional)
+
+
+class PlantTable(Choice):
+    """[plant], [simulation.plant]"""
+
+    BY = "model"
+    USES = {
+        "integrator_lag": (("k", "c"), ()),
+        "fopdt": (("K", "T"), ()),
+        "transfer_function": (("num", "den"), ()),
+        "state_space": (("A", "B"), ()),
+    }
+    ALWAYS = ("C", "E", "input_delay", "u_offset", "y_offset", "input_names", "output_names")
+
+    model: Literal["integrator_lag", "fopdt", "transfer_function", "state_space"] = Key(
+        description="form of the plant; decides which of the next keys are needed"
+    )
+    k: float | None = Key(None, description="integrator_lag: slope of y at full input [unit of y / s]")
+    c: float | None = Key(None, description="integrator_lag: lag [s]")
+    K: float | None = Key(None, description="fopdt: gain [unit of y]")
+    T: float | None = Key(None, description="fopdt: time constant [s]")
+    num: Vector | None = Key(None, description="transfer_function: numerator, descending powers of s")
+    den: Vector | None = Key(None, description="transfer_function: denominator, descending powers of s")
+    A: Matrix | None = Key(None, description="state_space: state matrix [1/s]")
+    B: Matrix | None = Key(None, description="state_space: input matrix")
+    C: Matrix | None = Key(None, description="output matrix; default the first state")
+    E: Matrix | None = Key(None, description="entry of the measured disturbance; default none")
+    input_delay: float | Vector = Key(0.0, description="dead time [s], one for all inputs or one each")
+    u_offset: float | Vector | None = Key(None, description="operating point of the input(s)")
+    y_offset: float | Vector | None = Key(None, description="operating point of the output(s)")
+    input_names: list[str] | None = Key(None, description='names, with their unit: "valve [-]"')
+    output_names: list[str] | None = Key(None, description='names, with their unit: "pressure [kPa]"')
+
+    def build(self, table: str = "plant") -> Plant:
+        """The plant."""
+        arguments = self.arguments(table)
+        build: dict[str, Callable[..., Plant]] = {
+            "integrator_lag": lambda k, c: Plant.integrator_lag(k, c, 0.0),
+            "fopdt": lambda K, T: Plant.fopdt(K, T, 0.0),
+            "transfer_function": Plant.from_tf,
+            "state_space": lambda A, B: Plant(A, B, self.C),  # C says how many outputs there are
+        }
+        return build[self.model](**arguments).replace(**self.given(*self.ALWAYS))
+
+
+class ActuatorTable(Table):
+    """[actuator]"""
+
+    levels: Vector | Matrix = Key(description="what each input can do, ascending; a list of lists for several inputs")
+    Ts: float = Key(description="switching period [s]")
+    min_on: float | Vector = Key(0.0, description="shortest time at a level other than the safe one [s]")
+    min_off: float | Vector = Key(0.0, description="shortest time at the safe level [s]")
+    switch_cost: float | Vector = Key(0.0, description="added to the cost of a command for each input it changes")
+    forbidden: list[float | Vector] = Key([], description="combinations of levels that must never be commanded")
+    safe_level: float | Vector | None = Key(None, description="commanded after bad_limit bad samples; default never")
+
+
+class ControllerTable(Choice):
+    """[controller]"""
+
+    BY = "objective"
+    USES = {
+        "endpoint": (("Td", "lam"), ("tail", "weight", "relative_degree")),
+        "horizon": (
+            ("steps",),
+            ("weight", "lam", "move_weight", "window", "moves", "tail", "terminal", "node_budget", "relative_degree"),
+        ),
+    }
+    ALWAYS = ("preview", "bad_limit", "real")
+
+    objective: Literal["endpoint", "horizon"] = Key(
+        "endpoint",
+        description="land at one instant, or follow over many periods; decides which of the next keys are used",
+    )
+    Td: float | None = Key(None, description="endpoint: settling horizon after the dead time [s], at least Ts")
+    steps: int | None = Key(None, description="horizon: periods looked at beyond the dead time, 1 to 64")
+    lam: float | Vector | None = Key(
+        None,
+        description="bandwidth of the sliding variable [rad/s], one for all outputs or one each; horizon: default none, "
+        "the error itself is weighed",
+    )
+    move_weight: float | Vector | None = Key(
+        None, description="horizon: price of an input's move, times its square; default 0"
+    )
+    window: list[int] | None = Key(
+        None, description="horizon: first and last period evaluated; default all, [1, steps]"
+    )
+    moves: int | None = Key(None, description="horizon: periods in which the commands are free; default all")
+    tail: Literal["rest", "zero", "hold"] | None = Key(
+        None,
+        description='input after the candidate or the moves; endpoint: default "rest", and no "hold"; horizon: default '
+        '"hold", the last move',
+    )
+    terminal: Literal["riccati"] | Matrix | None = Key(
+        None, description="horizon: cost of ending away from rest, or its matrix [x, squared]; default none"
+    )
+    node_budget: int | None = Key(
+        None, description="horizon: partial sequences after which the best so far is taken; default no limit"
+    )
+    weight: float | Vector = Key(1.0, description="weight of each output")
+    relative_degree: int | list[int] | None = Key(None, description="of each output; default found numerically")
+    preview: bool | Literal["lag"] | float = Key(
+        False,
+        description='reference sampled: false now, true at the instants evaluated, "lag" (endpoint), or seconds ahead',
+    )
+    bad_limit: int = Key(10, description="bad measurements in a row that force the safe level")
+    real: Literal["float64", "float32"] = Key("float64", description="arithmetic of the core")
+
+    def build(self) -> Endpoint | Horizon:
+        """The objective."""
+        arguments = self.arguments("controller")
+        return Endpoint(**arguments) if self.objective == "endpoint" else Horizon(**arguments)
+
+
+class EstimatorTable(Table):
+    """[estimator]"""
+
+    process_noise: float | Vector | Matrix = Key(
+        description="variance that each state gathers in one period, or the covariance matrix [unit of x, squared]"
+    )
+    measurement_noise: float | Vector | Matrix = Key(
+        description="variance of each measured output, or the covariance matrix [unit of y, squared]"
+    )
+    load: float | Vector | None = Key(
+        None, description="variance that an unknown constant input gathers in one period, 0 for none; default none"
+    )
+    gate: float = Key(6.0, description="innovations beyond so many standard deviations are outliers; 0: none are")
+    gate_limit: int = Key(3, description="outliers in a row that are not used")
+
+
+class ReferenceTable(Choice):
+    """[reference], or [[reference]] for each output"""
+
+    BY = "kind"
+    USES = {
+        "constant": (("value",), ()),
+        "half_sine": (("height", "duration"), ("start", "offset")),
+        "sine": (("amplitude", "frequency"), ("phase", "offset")),
+        "ramp": (("slope",), ("start", "offset")),
+        "steps": (("times", "values"), ()),
+        "samples": (("file",), ("time", "value", "between")),
+        "points": (("times", "values"), ("between",)),
+    }
+
+    kind: Literal["constant", "half_sine", "sine", "ramp", "steps", "samples", "points"] = Key(
+        description="decides which of the next keys are used"
+    )
+    value: float | str | None = Key(None, description="constant: value; samples: name of the value column")
+    height: float | None = Key(None, description="half_sine: rise from trough to crest [unit of y]")
+    duration: float | None = Key(None, description="half_sine: length of the half period [s]")
+    amplitude: float | None = Key(None, description="sine: amplitude [unit of y]")
+    frequency: float | None = Key(None, description="sine: frequency [Hz]")
+    phase: float | None = Key(None, description="sine: phase [rad]")
+    slope: float | None = Key(None, description="ramp: slope [unit of y / s]")
+    start: float | None = Key(None, description="half_sine, ramp: when it begins [s]")
+    offset: float | None = Key(None, description="half_sine, sine, ramp: added to all values [unit of y]")
+    times: Vector | None = Key(None, description="steps: when each value begins [s]; points: the instants [s]")
+    values: Vector | None = Key(None, description="steps, points: the values [unit of y]")
+    file: str | None = Key(None, description="samples: CSV file with a header row, relative to the project file")
+    time: str | None = Key(None, description="samples: name of the time column; default the first")
+    between: Literal["pchip", "linear", "hold"] | None = Key(
+        None, description="samples, points: the curve between them"
+    )
+
+    def build(self, folder: Path | None, table: str = "reference") -> Reference:
+        """The reference of one output, or the course of one disturbance."""
+        arguments = self.arguments(table)
+        if self.kind in ("samples", "points"):
+            kind = arguments.pop("between", "pchip")
+            if self.kind == "points":
+                return Samples(self.times or [], self.values or [], kind=kind)
+            if folder is None:
+                raise ValueError(f"[{table}] file is {self.file!r}, and there are no files here; give its points")
+            path = folder / arguments.pop("file")
+            return Samples.read_csv(path, kind=kind, **arguments)
+        if self.kind == "constant":
+            if not isinstance(self.value, float):
+                raise ValueError(f"[{table}] value is {self.value!r}; give a number")
+            return Steps([0.0], [self.value])
+        build: dict[str, Callable[..., Reference]] = {"half_sine": HalfSine, "sine": Sine, "ramp": Ramp, "steps": Steps}
+        return build[self.kind](**arguments)
+
+
+class Valve(Table):
+    """A measured disturbance that opens on demand."""
+
+    gain: float = Key(description="w per unit of y - yd (first output)")
+    low: float = Key(0.0, description="smallest w")
+    high: float = Key(description="largest w")
+    deadband: float = Key(0.0, description="y - yd up to which it stays shut")
+    feedforward: float = Key(0.0, description="share of the reference's fall -yd' that is added")
+
+    def law(self, reference: Callable[..., ArrayLike], truth: Plant) -> Callable[[float, Array], Array]:
+        """``(t, x) -> w`` for `foreswitch.simulate`."""
+
+        def flow(t: float, x: Array) -> Array:
+            value, slope = sample(reference, np.array([t]), truth.outputs, 2)[0, 0]
+            excess = float(truth.C[0] @ x + truth.y_offset[0]) - value
+            beyond = np.sign(excess) * max(abs(excess) - self.deadband, 0.0)
+            return np.array([min(max(self.gain * beyond - self.feedforward * slope, self.low), self.high)])
+
+        return flow
+
+
+class StuckTable(Table):
+    """[[simulation.hardware.stuck]]"""
+
+    level: float = Key(description="where the actuator stays")
+    start: float = Key(0.0, description="from when [s]")
+    end: float | None = Key(None, description="until when [s]; default the end of the run")
+    input: int = Key(0, description="which input, from 0")
+
+
+class HardwareTable(Table):
+    """[simulation.hardware]"""
+
+    opening: float | Vector = Key(0.0, description="travel time of a rising edge, after the dead time [s]")
+    closing: float | Vector = Key(0.0, description="travel time of a falling edge [s]")
+    quantum: float | Vector = Key(0.0, description="step of the sensor; 0 for none")
+    low: float | Vector | None = Key(None, description="lower end of the sensor's range")
+    high: float | Vector | None = Key(None, description="upper end of the sensor's range")
+    process_noise: float | Vector = Key(0.0, description="deviation gathered by each state in 1 s [x / sqrt(s)]")
+    missing: float = Key(0.0, description="share of samples that are lost")
+    late: float = Key(0.0, description="longest time a sample is under way [s]")
+    outages: list[Vector] = Key([], description="times without any sample, as [start, end] [s]")
+    stuck: list[StuckTable] = Key([], description="actuators that stay at one level for a while")
+    drift: PlantTable | None = Key(None, description="the truth at the end of the run; keys as in [plant]")
+
+    def build(self) -> Hardware:
+        """The hardware."""
+        settings = self.given("opening", "closing", "quantum", "low", "high", "process_noise", "missing", "late")
+        stuck = [Stuck(**fault.given("level", "start", "end", "input")) for fault in self.stuck]
+        drift = self.drift.build("simulation.hardware.drift") if self.drift else None
+        outages: Any = [tuple(window) for window in self.outages]  # Hardware judges them
+        return Hardware(**settings, stuck=stuck, drift=drift, outages=outages)
+
+
+class SimulationTable(Table):
+    """[simulation]"""
+
+    duration: float = Key(description="length of the run [s]")
+    x0: Vector | None = Key(None, description="initial state; default zero")
+    noise: float | Vector | None = Key(
+        None, description="standard deviation of the measured states, with an [estimator] of the outputs"
+    )
+    seed: int | None = Key(None, description="of the noise; without one, each run differs")
+    disturbance: float | Vector | Valve | list[ReferenceTable] | None = Key(
+        None,
+        description="measured w: constant; or a table: a valve that opens with gain * (y - yd); or a list of tables, one "
+        "for each, with the keys of [reference]",
+    )
+    load: float | Vector | None = Key(None, description="unmeasured, added to the input(s)")
+    plant: PlantTable | None = Key(None, description="the truth, where it differs from the model; keys as in [plant]")
+    hardware: HardwareTable | None = Key(None, description="what real actuators and sensors add; a table")
+
+
+class File(Table):
+    """A whole project file."""
+
+    plant: PlantTable
+    actuator: ActuatorTable
+    controller: ControllerTable
+    estimator: EstimatorTable | None = None
+    reference: ReferenceTable | list[ReferenceTable]
+    simulation: SimulationTable
+
+
+#: Every table under its name, in the order of a project file.
+TABLES: dict[str, type[Table]] = {
+    "plant": PlantTable,
+    "actuator": ActuatorTable,
+    "estimator": EstimatorTable,
+    "controller": ControllerTable,
+    "reference": ReferenceTable,
+    "simulation": SimulationTable,
+    "simulation.plant": PlantTable,
+    "simulation.disturbance": Valve,
+    "simulation.hardware": HardwareTable,
+    "simulation.hardware.stuck": StuckTable,
+    "simulation.hardware.drift": PlantTable,
+}
+SUBTABLES = {name.rpartition(".")[2]: table for name, table in TABLES.items()}

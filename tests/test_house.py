@@ -127,7 +127,8 @@ def public_objects():
     found |= {f"foreswitch.baselines.{name}": getattr(fsw.baselines, name) for name in fsw.baselines.__all__}
     for name, item in list(found.items()):
         if inspect.isclass(item):
-            for attribute, value in vars(item).items():
+            inherited = [base for base in reversed(item.__mro__) if base.__module__.startswith("foreswitch.")]
+            for attribute, value in {name: value for base in inherited for name, value in vars(base).items()}.items():
                 plain = value.__func__ if isinstance(value, (classmethod, staticmethod)) else value
                 if not attribute.startswith("_") and (inspect.isfunction(plain) or isinstance(plain, property)):
                     found[f"{name}.{attribute}"] = plain

@@ -131,9 +131,9 @@ def test_an_export_is_the_same_byte_for_byte(name, exported, tmp_path):
 def test_an_export_leaves_the_controller_where_it_stood(tmp_path):
     controller = design("Kalman")
     controller.step([1.0], 3.0)
-    before = controller._core.save()
+    before = controller.core.save()
     fsw.export_c(controller, tmp_path / "out")
-    assert controller._core.save() == before
+    assert controller.core.save() == before
     fresh = tmp_path / "fresh"
     fsw.export_c(design("Kalman"), fresh)
     header = "foreswitch_design.h"

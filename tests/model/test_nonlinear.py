@@ -13,9 +13,10 @@ import pytest
 
 import foreswitch as fsw
 from foreswitch.baselines import Relay
+from places import TESTS
 from systems import RISE, TWO_BY_TWO, VALVE, quiet, valve_controller
 
-FMU = Path(__file__).parent / "fmu"
+FMU = TESTS / "fmu"
 
 
 def as_function(plant):

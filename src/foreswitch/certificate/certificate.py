@@ -93,7 +93,7 @@ def certify(
     """
     if not isinstance(controller, Controller):
         raise ValueError(f"controller is a {type(controller).__name__}; give a Controller")
-    measured, what = controller._measured
+    measured, what = controller.measured
     inputs = controller.plant.inputs
     errors = Errors(
         check.per("noise", noise, measured, what, least=0.0),

@@ -79,7 +79,7 @@ class Course:
 def ideal_run(loop: ErrorLoop, course: Course) -> tuple[Array, Array]:
     """Outputs (K+1, q) and inputs (K, m) of the ideal loop."""
     controller, plant, steps, told = course.controller, loop.plant, course.steps, course.told
-    law, model, rows, rest = loop.law, controller._model, loop.law.rows, loop.law.rest
+    law, model, rows, rest = loop.law, controller.model, loop.law.rows, loop.law.rest
     w = np.zeros((steps, model.disturbance.shape[1]))  # loads, which stand behind it, are none
     w[:, : plant.disturbances] = course.disturbance
     # s without the state and the commands under way
@@ -92,7 +92,7 @@ def ideal_run(loop: ErrorLoop, course: Course) -> tuple[Array, Array]:
     push = w @ model.disturbance.T + model.drift
     depth = max(model.delay)
     u = np.zeros((depth + steps, plant.inputs))
-    u[:depth] = controller._history()[-depth:] if depth else u[:0]
+    u[:depth] = controller.issued[-depth:] if depth else u[:0]
     x = np.zeros((steps + 1, plant.states))
     x[0] = course.x0
     under_way = [(j, row) for j, row in enumerate(rows.pending) if len(row)]

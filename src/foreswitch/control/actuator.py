@@ -143,6 +143,18 @@ class Actuator:
         price = check.per("switch_cost", switch_cost, inputs, "input", least=0.0)
         return cls(each, safe, dwell, seconds, price, allowed_commands(forbidden, each, safe))
 
+    @property
+    def safe_levels(self) -> Array:
+        """The level in which each input counts as off, shape (m,)."""
+        return np.array([values[i] for values, i in zip(self.levels, self.safe, strict=True)])
+
     def values(self, indices: Any) -> Array:
         """Commands (K, m) from their level indices."""
         return np.column_stack([values[indices[:, j]] for j, values in enumerate(self.levels)])
+
+
+def level_products(pending: Sequence[Array], levels: Sequence[Array]) -> Array:
+    """Effect of each pending command, looked up by its level: per input (pending, levels, rows), one after the other."""
+    each = [w[:, None, :] * v[None, :, None] for w, v in zip(pending, levels, strict=True)]
+    result: Array = np.concatenate([np.ravel(item) for item in each])
+    return result

@@ -1,22 +1,20 @@
-"""The endpoint objective, designed: rows of theory [4], and the figures of the ideal loop."""
+"""The endpoint objective as a law: rows of theory [4], and the figures of the ideal loop."""
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from foreswitch._binding.arrays import level_products, reals
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
-from foreswitch.control.actuator import Actuator
+from foreswitch.control.actuator import Actuator, level_products
 from foreswitch.control.ideal_loop import ideal_response
 from foreswitch.control.objective import Endpoint
 from foreswitch.model import prediction
 from foreswitch.model.plant import Plant
 
-__all__ = ["EndpointDesign", "degrees"]
+__all__ = ["EndpointLaw", "degrees"]
 
 
 def degrees(plant: Plant, given: Any) -> np.ndarray[Any, np.dtype[np.int64]]:
@@ -40,7 +38,7 @@ def degrees(plant: Plant, given: Any) -> np.ndarray[Any, np.dtype[np.int64]]:
     return np.array(found, dtype=np.int64)
 
 
-class EndpointDesign:
+class EndpointLaw:
     """What `Controller` needs to know of an `Endpoint`; ``plant`` has its loads among the disturbances."""
 
     evaluations = 1
@@ -87,23 +85,23 @@ class EndpointDesign:
             return np.array([float(self.plant.input_delay.max()) + self.objective.Td if preview else 0.0])
         return np.array([check.number("preview", preview)])
 
-    def endpoint_arrays(self, real: type[np.floating[Any]]) -> tuple[Any, ...]:
-        """From state_row to total_row of the core's design."""
-        rows, each = self.rows, partial(reals, real)
-        return (
-            *map(each, (rows.state, rows.disturbance, rows.offset, self.sliding.reference, 0.5 * self.weight)),
-            each(level_products(rows.pending, self.actuator.levels)),
-            each(np.concatenate([np.ravel(a) for a in rows.hold])),
-            each(rows.total),
-        )
+    def tables(self) -> dict[str, Any]:
+        """The tables from state_row to total_row of `Design`, with the holding times that give their sizes."""
+        rows = self.rows
+        return {
+            "holds": [len(row) for row in rows.hold],
+            "state_row": rows.state,
+            "disturbance_row": rows.disturbance,
+            "offset": rows.offset,
+            "reference_row": self.sliding.reference,
+            "half_weight": 0.5 * self.weight,
+            "pending_table": level_products(rows.pending, self.actuator.levels),
+            "hold_row": np.concatenate([np.ravel(row) for row in rows.hold]),
+            "total_row": rows.total,
+        }
 
-    @property
-    def holds(self) -> list[int]:
-        """Distinct holding times of each input within the horizon, in periods."""
-        return [len(row) for row in self.rows.hold]
-
-    def horizon_parts(self, real: type[np.floating[Any]]) -> None:
-        """None: there is no horizon."""
+    def horizon(self, real: str) -> None:
+        """None: there is none."""
 
     def __str__(self) -> str:
         o = self.objective

@@ -26,10 +26,12 @@ from foreswitch._binding import REALS
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.files import write_whole
 from foreswitch._helpers.text import name_and_unit
-from foreswitch.control.controller import Controller, Status
+from foreswitch.control.controller import Controller
+from foreswitch.control.decision import Status
+from foreswitch.control.design import Design
 from foreswitch.control.objective import Horizon
 from foreswitch.export.firmware import CORE, HORIZON, SHELL, check_export, filled, headline
-from foreswitch.export.header import Design, initialiser, number
+from foreswitch.export.header import exported, initialiser, limits_text, number, tables_text
 
 __all__ = ["export_fmu"]
 
@@ -358,12 +360,12 @@ def _element(each: Variable) -> str:
 
 def _sources(controller: Controller, name: str) -> dict[str, str]:
     """By name; core and shell are the library's own."""
-    own, design = files("foreswitch.export"), Design.of(controller)
-    core = [*CORE, *(HORIZON if design.horizon_sizes is not None else []), *SHELL, "LICENSE"]
+    own, design = files("foreswitch.export"), exported(controller.design)
+    core = [*CORE, *(HORIZON if design.horizon is not None else []), *SHELL, "LICENSE"]
     sources = {file: own.joinpath("c", file).read_bytes().decode("utf-8") for file in core}
     template, _, _ = own.joinpath("templates", "foreswitch_design.h").read_text("utf-8").partition("#ifdef FSW_STEPS")
     words = {"name": name, "title": headline(controller, name), "version": version("foreswitch")}
-    words |= {"limits": design.limits_text(name), "tables": design.tables_text(name)}
+    words |= {"limits": limits_text(design, name), "tables": tables_text(design, name)}
     sources["foreswitch_design.h"] = filled(template, words) + "#endif\n"
     sources["foreswitch_fmu.h"] = _header(controller, design)
     return sources
@@ -374,15 +376,12 @@ def _header(controller: Controller, design: Design) -> str:
     reference = controller.evaluations * plant.outputs * controller.order
     constants = [np.float64(value) for _, value, _, _ in _constants(controller)]
     levels = np.concatenate(controller.levels).astype(np.float64)
-    line, wait = (np.frombuffer(each, kind) for each, kind in
-                  ((controller._core.line(), np.uint8), (controller._core.wait(), np.uint32)))  # fmt: skip
-    x, w = np.empty(plant.states), np.empty(controller._disturbances)
-    primed = controller._core.estimate(x, w)
-    start = ""
-    if primed:
+    memory, start = controller.memory, ""
+    primed = memory.x is not None and memory.w is not None
+    if memory.x is not None and memory.w is not None:
         start = (
-            f"static const fsw_real fsw_fmu_x[] = {initialiser(x.astype(real))};\n"
-            f"static const fsw_real fsw_fmu_w[] = {initialiser(w.astype(real))};\n"
+            f"static const fsw_real fsw_fmu_x[] = {initialiser(memory.x.astype(real))};\n"
+            f"static const fsw_real fsw_fmu_w[] = {initialiser(memory.w.astype(real))};\n"
         )
     return f"""/* What fmi.c asks for besides the design. Made by foreswitch {version("foreswitch")}; do not edit. */
 #ifndef FORESWITCH_FMU_H
@@ -390,15 +389,15 @@ def _header(controller: Controller, design: Design) -> str:
 
 #define FSW_FMU_GUID "{UNKNOWN}"
 #define FSW_FMU_TS {number(np.float64(controller.Ts))}
-#define FSW_FMU_MEASURED {design.sizes["measured"]}
+#define FSW_FMU_MEASURED {design.measured}
 #define FSW_FMU_REFERENCE {reference}
 #define FSW_FMU_CONSTANTS {len(constants)}
 #define FSW_FMU_PRIMED {int(primed)} /* a state is known at the start */
 
 static const double fsw_fmu_constant[] = {initialiser(constants)};
 static const double fsw_fmu_level[] = {initialiser(levels)};
-static const uint8_t fsw_fmu_line[] = {initialiser(line)}; /* under way at the start */
-static const uint32_t fsw_fmu_wait[] = {initialiser(wait)};
+static const uint8_t fsw_fmu_line[] = {initialiser(memory.line.ravel())}; /* under way at the start */
+static const uint32_t fsw_fmu_wait[] = {initialiser(memory.wait)};
 {start}
 #endif
 """

@@ -205,10 +205,10 @@ def _bound_run(project: Project) -> None:
             "shorten the run or the horizon",
             "controller.steps",
         )
-    tried = steps * len(law._actuator.candidates)
+    tried = steps * len(law.actuator.candidates)
     if tried > LIMITS["tried"]:
         raise Complaint(
-            f"levels form {len(law._actuator.candidates)} commands, too many to try in {steps} periods; shorten the run, "
+            f"levels form {len(law.actuator.candidates)} commands, too many to try in {steps} periods; shorten the run, "
             "or use fewer levels",
             "actuator.levels",
         )

@@ -121,19 +121,21 @@ def simulate_batch(
     if start.shape not in ((n,), (runs, n)):
         raise ValueError(f"x0 has shape {start.shape}; give ({n},) or ({runs}, {n})")
     start = np.ascontiguousarray(np.broadcast_to(start, (runs, n)))
-    out = [np.empty((runs, width)) for width in (q, q, m, m)]
+    out = {"rms": np.empty((runs, q)), "largest": np.empty((runs, q)), "switches": np.empty((runs, m)),
+           "on": np.empty((runs, m))}  # fmt: skip
 
     def fill(loop: Loop, rows: slice) -> None:
-        columns = tuple(column[rows] for column in out)
         if loop.called:
             for i in range(*rows.indices(runs)):
                 run = loop.run(None if x0 is None else start[i], int(seed[i]))
-                for column, value in zip(out, figures(run.y, run.r, run.u, run.safe_level), strict=True):
+                for column, value in zip(out.values(), figures(run.y, run.r, run.u, run.safe_level), strict=True):
                     column[i] = value
             return
         law, body = loop.controller.copy(), loop.body()
-        arrays = (loop.told, loop.w, loop.extra, loop.past, loop.wanted, loop.safe, seed[rows], start[rows], *columns)
-        CORES[law.real].batch(law._core, body, loop.sensor, loop.steps, len(loop.past), arrays)
+        tables = {"reference": loop.told, "w": loop.w, "load": loop.extra, "past": loop.past, "wanted": loop.wanted,
+                  "safe": loop.safe, "seeds": seed[rows], "x0": start[rows]}  # fmt: skip
+        tables |= {name: column[rows] for name, column in out.items()}
+        CORES[law.real].batch(law.core, body, loop.sensor, loop.steps, len(loop.past), tables)
 
     position = 0
     with ThreadPoolExecutor(workers) as pool:
@@ -151,7 +153,7 @@ def simulate_batch(
             position += count
         for job in jobs:
             job.result()
-    return Batch(seed, out[0], out[1], out[2], out[3] * controller.Ts)
+    return Batch(seed, out["rms"], out["largest"], out["switches"], out["on"] * controller.Ts)
 
 
 def _seeds(given: Sequence[int] | int) -> np.ndarray[Any, np.dtype[np.uint64]]:

@@ -29,19 +29,22 @@ class Law(Protocol):
 
     plant: Plant
     Ts: float
-    levels: list[Array]
     estimator: Any
-    _safe: list[int]
-    _core: Any
+    core: Any
 
     @property
     def real(self) -> str: ...
+    @property
+    def levels(self) -> list[Array]: ...
     @property
     def order(self) -> int: ...
     @property
     def reference_times(self) -> Array: ...
     def copy(self) -> Any: ...
-    def _history(self) -> Array: ...
+    @property
+    def issued(self) -> Array: ...
+    @property
+    def safe_levels(self) -> Array: ...
 
 
 def measured_state(model: Plant, truth: Plant) -> Array | None:
@@ -200,9 +203,9 @@ class Loop:
             self._rig, longest = core_rig(truth, Ts, self.steps, hardware)
         else:
             self._plant, longest = core_plant(truth, Ts, controller.real)
-        past = controller._history()
+        past = controller.issued
         self.past = np.vstack([np.repeat(past[:1], max(0, longest - len(past)), axis=0), past])
-        self.safe = np.array([values[i] for values, i in zip(controller.levels, controller._safe, strict=True)])
+        self.safe = controller.safe_levels
 
     def _matrix(self, sensor: ArrayLike | None) -> Array | None:
         model, truth = self.controller.plant, self.truth
@@ -256,7 +259,8 @@ class Loop:
         model, hat = law.plant.states, None
         if law.estimator is not None:
             hat = np.empty((steps, model + law.kalman.loads))
-        arrays = (self.told, w, extra, x, y, u, cost, nodes, status, hat)
+        tables = {"reference": self.told, "w": w, "load": extra, "x": x, "y": y, "u": u, "cost": cost, "nodes": nodes,
+                  "status": status, "estimate": hat}  # fmt: skip
         body, go = self.body(), CORES[law.real].run
         if callable(self.disturbance) or callable(self.load):
             for k in range(steps):
@@ -264,9 +268,9 @@ class Loop:
                     w[k] = _called("disturbance", self.disturbance, self.t[k], x[k], w[k].shape)
                 if callable(self.load) and extra is not None:
                     extra[k] = _called("load", self.load, self.t[k], x[k], (m,))
-                go(law._core, body, self.sensor, seed, steps, history, arrays, k, k + 1)
+                go(law.core, body, self.sensor, seed, steps, history, tables, k, k + 1)
         else:
-            go(law._core, body, self.sensor, seed, steps, history, arrays, 0, steps)
+            go(law.core, body, self.sensor, seed, steps, history, tables, 0, steps)
         hats = (None, None) if hat is None else (hat[:, :model], hat[:, model:])
         return Run(self.t, x, y, u[history:], self.wanted, w, cost, nodes, status, self.truth, self.safe, *hats)
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from foreswitch.control.controller import Status
+from foreswitch.control.decision import Status
 from foreswitch.control.objective import Horizon
 from foreswitch.presentation import plots
 from foreswitch.presentation.report import Picture, Report, Section, Table, number
@@ -76,7 +76,7 @@ def search_table(runs: dict[str, tuple[Run, Any]]) -> Table:
     for name, (run, controller) in runs.items():
         found, objective = search_figures(run, controller), controller.objective
         moves = (objective.moves or objective.steps) if isinstance(objective, Horizon) else 1
-        candidates = len(controller._actuator.candidates)
+        candidates = len(controller.actuator.candidates)
         rows.append([
             name, f"{candidates}^{moves}" if moves > 1 else str(candidates),
             f"{found['nodes_median']:.0f}", f"{found['nodes_max']:.0f}", f"{found['optimal_percent']:.4g}",

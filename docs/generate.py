@@ -227,7 +227,7 @@ def precision_rows() -> Iterator[list[str]]:
     for name, changes in [tasks[0], ("hot_gas", {"preview": "lag"}), *tasks[1:]]:
         project = Project.read(ROOT / "examples" / name / "project.toml").with_seed(0)
         law = project.build_controller(**changes)
-        settings = project._settings(project.reference, law.Ts, {})
+        settings = project.simulation_settings()
         found = compare_precision(law, project.reference, settings.pop("duration"), **settings)
         if name == "hot_gas":
             assert not found.commands_differing, "the paper's task is no longer the same in single precision"

@@ -23,6 +23,64 @@ HEAVY = {"matplotlib", "pydantic", "jinja2", "rich", "pandas", "scipy.stats", "s
 OPTIONAL = {"control", "pandas", "pyarrow", "fmpy", "dask", "distributed", "starlette", "uvicorn", "websockets"}
 
 
+# Walls ----------------------------------------------------------------------------------------------------------------
+
+
+def wing(path):
+    """The wing that a file stands in, or its own name."""
+    return path.relative_to(SOURCE).parts[0]
+
+
+def private(name):
+    return name.startswith("_") and not name.startswith("__")
+
+
+def defined(tree):
+    """Underscore names that a module makes: functions, attributes of self, fields, constants."""
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            yield node.name
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.attr
+
+
+def used(tree):
+    """Underscore names that a module reaches for in something that is not itself."""
+    for node in ast.walk(tree):
+        own = isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in ("self", "cls")
+        if isinstance(node, ast.Attribute) and not own:
+            yield node.attr, node.lineno
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("foreswitch."):
+            yield from ((alias.name, node.lineno) for alias in node.names)
+
+
+def reaching(files):
+    """Uses of a name beginning with an underscore outside the wing that makes it."""
+    made = {}
+    for path, tree in files.items():
+        made.setdefault(wing(path), set()).update(filter(private, defined(tree)))
+    for path, tree in files.items():
+        for name, line in used(tree):
+            if private(name) and name not in made[wing(path)]:
+                yield f"{path.relative_to(SOURCE)}:{line} {name}"
+
+
+def test_no_wing_reaches_into_another():
+    files = {path: ast.parse(path.read_text()) for path in SOURCE.rglob("*.py")}
+    others = {"_core_float32", "_core_float64", "_response", "_exit"}  # modules of C, os._exit
+    assert [use for use in reaching(files) if use.split()[-1] not in others] == []
+
+
+def test_a_reach_into_another_wing_is_found():
+    files = {
+        SOURCE / "model/plant.py": ast.parse("class Plant:\n    def _row(self): ...\n"),
+        SOURCE / "control/law.py": ast.parse("from foreswitch.model.plant import _x\nplant._row()\nself._own = 1"),
+    }
+    assert list(reaching(files)) == ["control/law.py:1 _x", "control/law.py:2 _row"]
+
+
 # Doors ----------------------------------------------------------------------------------------------------------------
 
 

@@ -154,13 +154,13 @@ class Certificate:
         self.holds, self.reasons = False, [reasons.unproven(controller)]
         if self.reasons[0]:
             return
-        self._loop = ErrorLoop(controller)
-        self._quantiser = Quantiser(self._loop)
-        self.poles = self._loop.poles
+        self.loop = ErrorLoop(controller)
+        self._quantiser = Quantiser(self.loop)
+        self.poles = self.loop.poles
         try:
-            self._judge(self._loop, self._quantiser)
+            self._judge(self.loop, self._quantiser)
         except Unsettled:
-            self.reasons = [reasons.unstable(self._loop, self.errors)]
+            self.reasons = [reasons.unstable(self.loop, self.errors)]
 
     def _judge(self, loop: ErrorLoop, quantiser: Quantiser) -> None:
         if not loop.settles:
@@ -216,9 +216,9 @@ class Certificate:
         ValueError
             If there is no stable ideal loop, or an argument does not fit.
         """
-        if not self.poles.size or not self._loop.settles:
+        if not self.poles.size or not self.loop.settles:
             raise ValueError(f"controller has no ideal response: {self.reasons[0]}")
-        return ideal_run(self._loop, Course(self.controller, reference, duration, x0, disturbance))[0]
+        return ideal_run(self.loop, Course(self.controller, reference, duration, x0, disturbance))[0]
 
     # ---- How much is left ----
 
@@ -281,7 +281,7 @@ class Certificate:
         """
         if not self.holds or self.course is None:
             raise ValueError("there is no band to draw; certify a design that holds, with a reference")
-        y, u = ideal_run(self._loop, self.course)
+        y, u = ideal_run(self.loop, self.course)
         return plots.band(self.course, y, u, self.error_bound, self.input_range, run)
 
     def summary(self) -> dict[str, Any]:

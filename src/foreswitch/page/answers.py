@@ -66,7 +66,7 @@ def costs(request: dict[str, Any]) -> Answer:
     """What the controller thought at one step of the run that `look` shows."""
     made = setup(request)
     project = made.project
-    settings = project._settings(project.reference, project.controller.Ts, {})
+    settings = project.simulation_settings()
     duration, x0, seed = (settings.pop(key, None) for key in ("duration", "x0", "seed"))
     loop = Loop(project.controller, project.reference, duration, **settings)
     k = request.get("step", 0)
@@ -129,9 +129,9 @@ def _beside(simulation: SimulationTable) -> str | None:
 
 def _band(proof: Certificate) -> dict[str, Array]:
     """The ideal response and how far the output can lie from it; nothing where there is none."""
-    if not proof.poles.size or not proof._loop.settles or proof.course is None:
+    if not proof.poles.size or not proof.loop.settles or proof.course is None:
         return {}
-    ideal = ideal_run(proof._loop, proof.course)[0].T
+    ideal = ideal_run(proof.loop, proof.course)[0].T
     arrays = {"t": proof.course.t, "ideal": ideal}
     if proof.holds:
         arrays |= {"low": ideal - proof.error_bound[:, None], "high": ideal + proof.error_bound[:, None]}

@@ -179,7 +179,7 @@ def _average(fit: Fit) -> tuple[dict[str, Any], dict[str, Array]]:
         if (pulses := plots.equal_pulses(fit.estimate, j)) is None:
             continue
         grid = np.linspace(-plots.BEFORE * pulses.room, (1.0 - 1e-9) * pulses.room, GRID)
-        windows = [plots._windows(fit.estimate, o, pulses, grid) for o in range(record.y.shape[1])]
+        windows = [plots.pulse_windows(fit.estimate, o, pulses, grid) for o in range(record.y.shape[1])]
         if len(windows[0][0]) < 2:
             continue
         return (

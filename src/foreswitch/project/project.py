@@ -186,7 +186,7 @@ class Project:
         -------
         Tuned
         """
-        settings = self._settings(self.reference, self.controller.Ts, {})
+        settings = self.simulation_settings()
         duration, truth = settings.pop("duration"), settings.pop("plant")
         return tune(
             kind, self.plant, self.file.actuator.levels, self.controller.Ts, self.reference, duration, budget=budget,
@@ -236,7 +236,7 @@ class Project:
         Run
         """
         law, reference = controller or self.controller, reference or self.reference
-        settings = self._settings(reference, law.Ts, changes)
+        settings = self.simulation_settings(reference, law.Ts, **changes)
         return simulate(law, reference, settings.pop("duration"), **settings)
 
     def certify(self, reference: Callable[..., ArrayLike] | None = None, **changes: Any) -> Certificate:
@@ -274,12 +274,29 @@ class Project:
                 "flow over time, or remove it"
             )
         if "disturbance" not in changes and self.plant.disturbances:
-            course = self._settings(reference, self.controller.Ts, {"duration": settings["duration"]})
+            course = self.simulation_settings(reference, duration=settings["duration"])
             settings["disturbance"] = course["disturbance"]
         return certify(self.controller, **settings)
 
-    def _settings(self, reference: Callable[..., ArrayLike], Ts: float, changes: dict[str, Any]) -> dict[str, Any]:
-        """Arguments of `foreswitch.simulate`."""
+    def simulation_settings(
+        self, reference: Callable[..., ArrayLike] | None = None, Ts: float | None = None, **changes: Any
+    ) -> dict[str, Any]:
+        """Arguments of `foreswitch.simulate` as [simulation] gives them.
+
+        Parameters
+        ----------
+        reference : callable, optional
+            Default: the project's; a valve of [simulation.disturbance] follows it.
+        Ts : float, optional
+            Switching period [s] at which disturbances are sampled. Default: the controller's.
+        **changes
+            Arguments that replace those of [simulation].
+
+        Returns
+        -------
+        dict
+        """
+        reference, Ts = reference or self.reference, Ts or self.controller.Ts
         table = self.file.simulation
         settings: dict[str, Any] = table.given("duration", "x0", "noise", "load")
         settings |= {"plant": self.truth, "hardware": self.hardware, "seed": self.seed} | changes

@@ -236,7 +236,7 @@ class Plan:
             values = self.values(point, repeat)
             content = changed(self.content, values)
             project = like.with_simulation(content["simulation"]) if like else Project(content, folder)
-            settings = project._settings(project.reference, project.controller.Ts, _truth(project, values))
+            settings = project.simulation_settings(**_truth(project, values))
             return Setup(project, {name: value for name, value in settings.items() if name != "seed"})
         except ValueError as error:
             raise ValueError(f"{self.named(point, repeat if self.varying() else None)}: {error}") from None

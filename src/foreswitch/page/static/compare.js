@@ -5,7 +5,10 @@ import { DASHES, otherColour } from "./colours.js";
 import { show } from "./scale.js";
 import { unitOf } from "./sizes.js";
 
-export const BASELINES = [["relay", "relay with hysteresis"], ["pi_pwm", "PI with pulse width modulation"], ["smith_pwm", "Smith predictor with pulse width modulation"]];
+export const BASELINES = [["relay", "relay with hysteresis"], ["pi_pwm", "PI with pulse width modulation"], [
+  "smith_pwm",
+  "Smith predictor with pulse width modulation",
+]];
 
 /** Unit of a simple law's parameter, where the output has unit y. */
 function measure(key, y) {
@@ -22,9 +25,13 @@ function measure(key, y) {
  */
 export function swatch(colour, dash = []) {
   const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
-  for (const [name, value] of Object.entries({ viewBox: "0 0 28 8", "aria-hidden": "true", class: "swatch" })) svg.setAttribute(name, value);
+  for (const [name, value] of Object.entries({ viewBox: "0 0 28 8", "aria-hidden": "true", class: "swatch" })) {
+    svg.setAttribute(name, value);
+  }
   const line = document.createElementNS("http://www.w3.org/2000/svg", "path");
-  for (const [name, value] of Object.entries({ d: "M0 4h28", class: `line-${colour}`, "stroke-dasharray": dash.join(" ") })) line.setAttribute(name, value);
+  for (
+    const [name, value] of Object.entries({ d: "M0 4h28", class: `line-${colour}`, "stroke-dasharray": dash.join(" ") })
+  ) line.setAttribute(name, value);
   svg.append(line);
   return svg;
 }
@@ -42,7 +49,11 @@ export function comparePanel(acts) {
   });
   const boxes = new Map();
   for (const [which, words] of BASELINES) {
-    const box = make("input", { type: "checkbox", id: `baseline-${which}`, "aria-describedby": `baseline-${which}-about` });
+    const box = make("input", {
+      type: "checkbox",
+      id: `baseline-${which}`,
+      "aria-describedby": `baseline-${which}-about`,
+    });
     const about = make("p", { className: "about", id: `baseline-${which}-about` });
     box.addEventListener("change", () => acts.toggle(which, box.checked));
     byId("baselines").append(make("label", { className: "tick", for: box.id }, box, ` ${words}`), about);
@@ -71,8 +82,15 @@ export function comparePanel(acts) {
         box.checked = on;
         const found = baselines[which];
         about.classList.toggle("complaint", Boolean(on && found?.error));
-        about.textContent = !on ? "" : found?.error ? found.error.message
-          : found?.parameters ? Object.entries(found.parameters).map(([key, value]) => `${key} ${show(value)} ${measure(key, unitOf(found.outputs?.[0]))}`.trim()).join(", ") : "being tuned …";
+        about.textContent = !on
+          ? ""
+          : found?.error
+          ? found.error.message
+          : found?.parameters
+          ? Object.entries(found.parameters).map(([key, value]) =>
+            `${key} ${show(value)} ${measure(key, unitOf(found.outputs?.[0]))}`.trim()
+          ).join(", ")
+          : "being tuned …";
       }
     },
   };

@@ -2,7 +2,8 @@
 
 const PLANT_ALWAYS = ["input_delay", "u_offset", "y_offset", "input_names", "output_names"];
 
-const pick = (table, keys) => Object.fromEntries(keys.filter((key) => table[key] !== undefined).map((key) => [key, table[key]]));
+const pick = (table, keys) =>
+  Object.fromEntries(keys.filter((key) => table[key] !== undefined).map((key) => [key, table[key]]));
 
 /** Numerator and denominator, or undefined where the form has several inputs or outputs. */
 function transfer(plant) {
@@ -15,8 +16,10 @@ function transfer(plant) {
 function stateSpace({ num, den }) {
   const [lead, ...rest] = den;
   const n = rest.length;
-  const A = Array.from({ length: n }, (_, i) => Array.from({ length: n }, (_, j) =>
-    (i === n - 1 ? -rest[n - 1 - j] / lead + 0 : Number(j === i + 1))));
+  const A = Array.from(
+    { length: n },
+    (_, i) => Array.from({ length: n }, (_, j) => (i === n - 1 ? -rest[n - 1 - j] / lead + 0 : Number(j === i + 1))),
+  );
   const B = Array.from({ length: n }, (_, i) => [i === n - 1 ? num.at(-1) / lead : 0]);
   return { A, B };
 }
@@ -75,7 +78,8 @@ export function convertObjective(project, objective) {
 export function convertReference(table, kind) {
   const times = table.times ?? [];
   const length = table.duration ?? (times.at(-1) || (table.frequency ? 1 / table.frequency : 1));
-  const top = table.height ?? (table.amplitude && 2 * table.amplitude) ?? table.value ?? (table.slope && table.slope * length) ?? Math.max(1e-9, ...(table.values ?? [1]));
+  const top = table.height ?? (table.amplitude && 2 * table.amplitude) ?? table.value ??
+    (table.slope && table.slope * length) ?? Math.max(1e-9, ...(table.values ?? [1]));
   const offset = pick(table, ["offset"]);
   const start = pick(table, ["start"]);
   return {

@@ -27,8 +27,17 @@ export const byId = (id) => document.getElementById(id);
  * @returns {Node[]} what goes into a table element
  */
 export function tableParts(heads, rows, caption) {
-  const head = make("thead", {}, make("tr", {}, ...heads.map((each) => (each ? make("th", { scope: "col" }, each) : make("td")))));
-  const body = make("tbody", {}, ...rows.map(([name, ...cells]) =>
-    make("tr", {}, make("th", { scope: "row" }, name), ...cells.map((each) => make("td", {}, each)))));
+  const head = make(
+    "thead",
+    {},
+    make("tr", {}, ...heads.map((each) => (each ? make("th", { scope: "col" }, each) : make("td")))),
+  );
+  const body = make(
+    "tbody",
+    {},
+    ...rows.map(([name, ...cells]) =>
+      make("tr", {}, make("th", { scope: "row" }, name), ...cells.map((each) => make("td", {}, each)))
+    ),
+  );
   return [make("caption", {}, caption), head, body];
 }

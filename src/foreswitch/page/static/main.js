@@ -15,7 +15,7 @@ import { request } from "./post.js";
 import { lacking } from "./sizes.js";
 import { tabs } from "./tabs.js";
 import { themeSwitch } from "./themeswitch.js";
-import { HEADS, figures, sentence, summary, verdict } from "./words.js";
+import { figures, HEADS, sentence, summary, verdict } from "./words.js";
 import { wire } from "./wire.js";
 
 /** What waits until the settings rest so long [ms]: the picture comes first. */
@@ -66,7 +66,9 @@ function trouble(error) {
   const shown = fields.complain(error);
   const line = byId("trouble");
   line.hidden = !error;
-  line.textContent = error ? `${sentence(error.message)}${run ? " The picture is of the last settings that worked." : ""}` : "";
+  line.textContent = error
+    ? `${sentence(error.message)}${run ? " The picture is of the last settings that worked." : ""}`
+    : "";
   document.body.classList.toggle("old", Boolean(error));
   if (error) speak(shown ? `${error.message}` : line.textContent);
 }
@@ -111,7 +113,9 @@ function painted(begun) {
   requestAnimationFrame(() => {
     const channel = new MessageChannel();
     channel.port1.onmessage = () => {
-      if (performance.getEntriesByName("slider to picture").length >= TIMES) performance.clearMeasures("slider to picture");
+      if (performance.getEntriesByName("slider to picture").length >= TIMES) {
+        performance.clearMeasures("slider to picture");
+      }
       performance.measure("slider to picture", { start: begun });
     };
     channel.port2.postMessage(null);
@@ -160,7 +164,11 @@ function others() {
     const current = () => beside.get(lane)?.key === mine;
     server.ask(kind, lane, body, (reply) => {
       if (!current()) return;
-      beside.set(lane, { key: mine, proof: beside.get(lane).proof, ...(reply.error ? { error: reply.error } : { run: reply }) });
+      beside.set(lane, {
+        key: mine,
+        proof: beside.get(lane).proof,
+        ...(reply.error ? { error: reply.error } : { run: reply }),
+      });
       overlays();
     });
     if (kind === "look") {
@@ -178,7 +186,12 @@ function others() {
 function drawn() {
   const pins = state.view.pins.map((pin, i) => ({ label: pin.name, lane: laneOf(pin), colour: i }));
   const laws = BASELINES.filter(([which]) => state.view.baselines.includes(which))
-    .map(([which, words]) => ({ label: words, lane: which, colour: state.view.pins.length + BASELINES.findIndex(([each]) => each === which), law: true }));
+    .map(([which, words]) => ({
+      label: words,
+      lane: which,
+      colour: state.view.pins.length + BASELINES.findIndex(([each]) => each === which),
+      law: true,
+    }));
   const present = key(meant());
   return [...pins, ...laws].map((each) => {
     const held = beside.get(each.lane);
@@ -190,8 +203,20 @@ function drawn() {
 function overlays() {
   const there = drawn();
   const alike = (each) => each.run && run && String(each.run.outputs) === String(run.outputs);
-  drawing.overlay(there.filter(alike).map((each) => ({ t: each.run.t, y: each.run.y, colour: each.colour, fresh: !each.waiting })));
-  comparing.show(state.view, Object.fromEntries(there.filter((each) => each.law).map((each) => [each.lane, each.waiting ? {} : { error: each.error, parameters: each.run?.parameters, outputs: each.run?.outputs }])));
+  drawing.overlay(
+    there.filter(alike).map((each) => ({ t: each.run.t, y: each.run.y, colour: each.colour, fresh: !each.waiting })),
+  );
+  comparing.show(
+    state.view,
+    Object.fromEntries(
+      there.filter((each) => each.law).map((
+        each,
+      ) => [
+        each.lane,
+        each.waiting ? {} : { error: each.error, parameters: each.run?.parameters, outputs: each.run?.outputs },
+      ]),
+    ),
+  );
   legend();
   table();
 }
@@ -199,8 +224,15 @@ function overlays() {
 function legend() {
   const item = (mark, text) => make("li", {}, mark, text);
   const lines = [item(swatch("output"), "output"), item(swatch("reference", [6, 4]), "reference")];
-  if (drawing.banded()) lines.push(item(make("span", { className: "swatch area" }), !proof ? "proven band, of the settings before" : proof.covers ? "proven band, of the model alone" : "proven band"));
-  for (const each of drawn()) if (each.run) lines.push(item(swatch(otherColour(each.colour), DASHES[each.colour % 4]), each.label));
+  if (drawing.banded()) {
+    lines.push(item(
+      make("span", { className: "swatch area" }),
+      !proof ? "proven band, of the settings before" : proof.covers ? "proven band, of the model alone" : "proven band",
+    ));
+  }
+  for (const each of drawn()) {
+    if (each.run) lines.push(item(swatch(otherColour(each.colour), DASHES[each.colour % 4]), each.label));
+  }
   byId("legend").replaceChildren(...lines);
 }
 
@@ -208,8 +240,14 @@ function table() {
   if (!run) return;
   const { outputs } = run;
   const rows = [["this run", ...figures(run.metrics, outputs, proof)]];
-  for (const each of drawn()) if (each.run) rows.push([each.label, ...figures(each.run.metrics, each.run.outputs, each.law ? null : each.proof)]);
-  byId("figures").replaceChildren(...tableParts(HEADS, rows, "Figures of merit; several outputs or inputs in their order"));
+  for (const each of drawn()) {
+    if (each.run) {
+      rows.push([each.label, ...figures(each.run.metrics, each.run.outputs, each.law ? null : each.proof)]);
+    }
+  }
+  byId("figures").replaceChildren(
+    ...tableParts(HEADS, rows, "Figures of merit; several outputs or inputs in their order"),
+  );
 }
 
 // Changing -------------------------------------------------------------------------------------------------------------
@@ -286,12 +324,16 @@ const drawing = picture((step, done) => {
 const comparing = comparePanel({
   pin(name) {
     const label = name || `run ${state.view.pins.length + 1}`;
-    become({ ...state, view: { ...state.view, pins: [...state.view.pins, { name: label, ...asked(state) }] } }, { what: `pin ${state.view.pins.length}` });
+    become({ ...state, view: { ...state.view, pins: [...state.view.pins, { name: label, ...asked(state) }] } }, {
+      what: `pin ${state.view.pins.length}`,
+    });
     others();
     speak(`${label} is pinned`);
   },
   unpin(i) {
-    become({ ...state, view: { ...state.view, pins: state.view.pins.filter((_, j) => j !== i) } }, { what: `unpin ${i}` });
+    become({ ...state, view: { ...state.view, pins: state.view.pins.filter((_, j) => j !== i) } }, {
+      what: `unpin ${i}`,
+    });
   },
   use(i) {
     const { project, options } = state.view.pins[i];
@@ -327,7 +369,10 @@ byId("open").addEventListener("change", (event) => {
 });
 
 const presets = byId("presets");
-presets.append(make("option", { value: "" }, "choose …"), ...start.presets.map((each) => make("option", { value: each.name, title: each.about ?? "" }, each.title)));
+presets.append(
+  make("option", { value: "" }, "choose …"),
+  ...start.presets.map((each) => make("option", { value: each.name, title: each.about ?? "" }, each.title)),
+);
 presets.addEventListener("change", () => {
   const preset = start.presets.find((each) => each.name === presets.value);
   if (preset) loaded(preset.project, `preset ${preset.name}`);
@@ -353,14 +398,18 @@ byId("skip").addEventListener("click", (event) => {
 
 // Beginning ------------------------------------------------------------------------------------------------------------
 
-const links = address((next) => {
-  if (damaged(next)) {
-    notice("link", "This link is damaged; the settings before it are kept.");
-    links.note(state, "");
-    return;
-  }
-  become(whole(next), { afresh: true });
-}, (long) => notice("long", long ? "These settings are too long for an address; save the project file to keep them." : ""));
+const links = address(
+  (next) => {
+    if (damaged(next)) {
+      notice("link", "This link is damaged; the settings before it are kept.");
+      links.note(state, "");
+      return;
+    }
+    become(whole(next), { afresh: true });
+  },
+  (long) =>
+    notice("long", long ? "These settings are too long for an address; save the project file to keep them." : ""),
+);
 
 /** Whether nothing can be shown of a link. */
 function damaged(next) {
@@ -374,7 +423,10 @@ function whole(next) {
 }
 
 const server = wire(start.limits.message, ({ open, wait }) => {
-  notice("server", open ? "" : `The server does not answer; trying again in ${Math.ceil(wait / 1000)} s. Nothing is lost.`);
+  notice(
+    "server",
+    open ? "" : `The server does not answer; trying again in ${Math.ceil(wait / 1000)} s. Nothing is lost.`,
+  );
 });
 
 const linked = await links.read();

@@ -1,7 +1,7 @@
 // The run: a chart for each output over its reference and certified band, and one with the commands as stairs.
 
 import { byId, make } from "./dom.js";
-import { DASHES, axisFont, colours, otherColour } from "./colours.js";
+import { axisFont, colours, DASHES, otherColour } from "./colours.js";
 import { show } from "./scale.js";
 import { area, curve, inside } from "./strokes.js";
 
@@ -49,7 +49,11 @@ export function picture(moved) {
 
   function outputRange(q) {
     const [from, to] = span();
-    const curves = [{ t: run.t, y: run.y[q] }, { t: run.t, y: run.r[q] }, ...others.filter((each) => each.y[q]).map((each) => ({ t: each.t, y: each.y[q] }))];
+    const curves = [
+      { t: run.t, y: run.y[q] },
+      { t: run.t, y: run.r[q] },
+      ...others.filter((each) => each.y[q]).map((each) => ({ t: each.t, y: each.y[q] })),
+    ];
     if (proof?.fresh) curves.push({ t: proof.t, y: proof.low[q] }, { t: proof.t, y: proof.high[q] });
     let [low, high] = extent(curves, from, to);
     const before = ranges.get(q);
@@ -150,24 +154,49 @@ export function picture(moved) {
   }
 
   function laneMarks() {
-    return run.levels.flatMap((levels, j) => (levels.length <= 3 ? levels : ends(j)).map((level) => ({ at: lane(j)(level), text: show(level) })))
+    return run.levels.flatMap((levels, j) =>
+      (levels.length <= 3 ? levels : ends(j)).map((level) => ({ at: lane(j)(level), text: show(level) }))
+    )
       .sort((a, b) => a.at - b.at);
   }
 
-  const axis = (more) => ({ stroke: palette.soft, grid: { stroke: palette.grid, width: 1 }, ticks: { stroke: palette.grid, width: 1, size: 4 }, font: axisFont(), ...more });
+  const axis = (more) => ({
+    stroke: palette.soft,
+    grid: { stroke: palette.grid, width: 1 },
+    ticks: { stroke: palette.grid, width: 1, size: 4 },
+    font: axisFont(),
+    ...more,
+  });
 
   function options(series, yAxis, scale, last, hooks) {
     return {
-      width: 100, height: 60, pxAlign: 1, padding: [6, 12, 0, 0], legend: { show: false },
-      cursor: { y: false, points: { show: false }, drag: { x: true, y: false, setScale: false }, sync: { key: "run", setSeries: false } },
+      width: 100,
+      height: 60,
+      pxAlign: 1,
+      padding: [6, 12, 0, 0],
+      legend: { show: false },
+      cursor: {
+        y: false,
+        points: { show: false },
+        drag: { x: true, y: false, setScale: false },
+        sync: { key: "run", setSeries: false },
+      },
       select: { show: true },
       scales: { x: { time: false, range: () => span() }, y: { range: scale } },
       axes: [
-        axis(last ? { size: 30, values: (chart, splits) => splits.map((each) => show(each, 6)) } : { size: 4, values: (chart, splits) => splits.map(() => "") }),
+        axis(
+          last
+            ? { size: 30, values: (chart, splits) => splits.map((each) => show(each, 6)) }
+            : { size: 4, values: (chart, splits) => splits.map(() => "") },
+        ),
         axis({ size: AXIS, ...yAxis }),
       ],
       series: [{}, ...series],
-      hooks: { ...hooks, setSelect: [(chart) => selected(chart)], ready: [(chart) => chart.over.addEventListener("click", (event) => clicked(chart, event))] },
+      hooks: {
+        ...hooks,
+        setSelect: [(chart) => selected(chart)],
+        ready: [(chart) => chart.over.addEventListener("click", (event) => clicked(chart, event))],
+      },
     };
   }
 
@@ -200,9 +229,19 @@ export function picture(moved) {
     });
     const box = make("div", { className: "chart commands" });
     const names = run.inputs;
-    boxes.push(make("p", { className: "chart-name" }, names.length > 1 ? "commands, as issued; time [s]" : `${names[0]}, as commanded; time [s]`), box);
+    boxes.push(
+      make(
+        "p",
+        { className: "chart-name" },
+        names.length > 1 ? "commands, as issued; time [s]" : `${names[0]}, as commanded; time [s]`,
+      ),
+      box,
+    );
     const stairs = names.map(() => line("command", 1.5, { paths: uPlot.paths.stepped({ align: 1 }) }));
-    const yAxis = { splits: () => laneMarks().map((mark) => mark.at), values: () => laneMarks().map((mark) => mark.text) };
+    const yAxis = {
+      splits: () => laneMarks().map((mark) => mark.at),
+      values: () => laneMarks().map((mark) => mark.text),
+    };
     const range = () => [-0.15, (names.length - 1) * LANE + (names.length > 1 ? 1.55 : 1.15)];
     charts.push({ box, chart: new uPlot(options(stairs, yAxis, range, true, { draw: [laneNames] }), null, box) });
     root.replaceChildren(...boxes);
@@ -218,7 +257,9 @@ export function picture(moved) {
     const free = Math.max(root.clientHeight - names, 120);
     const below = Math.min(34 + 44 * lanes, Math.max(0.42 * free, 64));
     const each = (free - below) / (charts.length - 1);
-    charts.forEach(({ chart }, i) => chart.setSize({ width, height: Math.floor(i === charts.length - 1 ? below : each) }));
+    charts.forEach(({ chart }, i) =>
+      chart.setSize({ width, height: Math.floor(i === charts.length - 1 ? below : each) })
+    );
   }
 
   function draw() {

@@ -18,7 +18,10 @@ export function unpack(message) {
   const numbers = new Float32Array(message, 4 + length);
   for (const [name, [offset, shape]] of Object.entries(header.arrays ?? {})) {
     const row = shape.length > 1 ? shape[1] : shape[0];
-    const rows = Array.from({ length: shape.length > 1 ? shape[0] : 1 }, (_, i) => numbers.subarray(offset + i * row, offset + (i + 1) * row));
+    const rows = Array.from(
+      { length: shape.length > 1 ? shape[0] : 1 },
+      (_, i) => numbers.subarray(offset + i * row, offset + (i + 1) * row),
+    );
     header[name] = shape.length > 1 ? rows : rows[0];
   }
   delete header.arrays;
@@ -87,7 +90,9 @@ export function wire(limit, noticed) {
       const text = JSON.stringify({ id, kind, lane: name, ...body });
       if (new Blob([text]).size > limit) {
         lane.sent = lane.next = null; // what was asked before is out of date
-        const message = `The settings are larger than the ${Math.floor(limit / 1024)} KiB that the server reads at once; shorten their lists`;
+        const message = `The settings are larger than the ${
+          Math.floor(limit / 1024)
+        } KiB that the server reads at once; shorten their lists`;
         setTimeout(() => answered({ id, kind, error: { message, field: null } }));
         return;
       }

@@ -2,6 +2,10 @@
 
 const PLANT_ALWAYS = ["input_delay", "u_offset", "y_offset", "input_names", "output_names"];
 
+/** What a simulation says of the old states. */
+const OF_STATES = ["x0", "noise", "disturbance", "plant"];
+
+const omit = (table, keys) => Object.fromEntries(Object.entries(table).filter(([key]) => !keys.includes(key)));
 const pick = (table, keys) =>
   Object.fromEntries(keys.filter((key) => table[key] !== undefined).map((key) => [key, table[key]]));
 
@@ -34,7 +38,8 @@ export function convertPlant(project, model) {
   const { plant } = project;
   const tf = transfer(plant);
   const duration = project.simulation?.duration ?? 1;
-  const rise = tf ? tf.num.at(-1) / tf.den[0] : 1; // the slope of a first-order plant, the curvature of a second-order one
+  // the slope of a first-order plant, the curvature of a second-order one
+  const rise = tf ? tf.num.at(-1) / tf.den[0] : 1;
   const slope = plant.k ?? (plant.T ? plant.K / plant.T : rise);
   const own = {
     integrator_lag: { k: slope, c: plant.c ?? duration / 100 },
@@ -43,7 +48,7 @@ export function convertPlant(project, model) {
     state_space: stateSpace(tf ?? { num: [1], den: [1, 0] }),
   }[model];
   const several = (plant.B?.[0]?.length ?? 1) > 1 || (plant.C?.length ?? 1) > 1;
-  const { x0, noise, disturbance, plant: truth, ...simulation } = project.simulation ?? {}; // they go with the old states
+  const simulation = omit(project.simulation ?? {}, OF_STATES);
   const changed = { ...project, plant: { model, ...own, ...(several ? {} : pick(plant, PLANT_ALWAYS)) }, simulation };
   if (!several) return changed;
   const { levels, Ts } = project.actuator;
@@ -54,7 +59,7 @@ export function convertPlant(project, model) {
 /**
  * A project with the other objective.
  * @param {object} project
- * @param {"endpoint"|"horizon"} objective
+ * @param {string} objective "endpoint" or "horizon"
  * @returns {object}
  */
 export function convertObjective(project, objective) {

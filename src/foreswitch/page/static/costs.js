@@ -19,15 +19,13 @@ function bar(share) {
  */
 export function showCosts(thought, run) {
   if (thought.error) {
-    byId("costs").replaceChildren(
-      make("p", {}, `What the commands would have cost is not known: ${sentence(thought.error.message)}`),
-    );
+    const why = sentence(thought.error.message);
+    byId("costs").replaceChildren(make("p", {}, `What the commands would have cost is not known: ${why}`));
     return;
   }
   const { costs, candidates, chosen } = thought;
-  const order = [...costs.keys()].sort((a, b) =>
-    (Number.isFinite(costs[a]) ? costs[a] : Infinity) - (Number.isFinite(costs[b]) ? costs[b] : Infinity) || a - b
-  ).slice(0, LISTED);
+  const price = (i) => (Number.isFinite(costs[i]) ? costs[i] : Infinity);
+  const order = [...costs.keys()].sort((a, b) => price(a) - price(b) || a - b).slice(0, LISTED);
   const most = Math.max(...[...costs].filter(Number.isFinite), 0);
   const heads = ["command", "", "predicted cost", ""];
   const rows = order.map((i) => {

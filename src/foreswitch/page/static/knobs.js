@@ -6,21 +6,28 @@ import { clean, show, STEPS } from "./scale.js";
 const keyOf = (field) => field.key ?? field.path;
 const slug = (field) => `knob-${keyOf(field).replaceAll(".", "-")}`;
 
+/** All of a field that its row is built from. */
+const looks = ({ key, path, label, kind, unit, choices }) => [key, path, label, kind, unit, choices];
+
 /** What one press of an arrow key adds in a number field: one in the second digit. */
 function nudge(value) {
   return value ? clean(10 ** (Math.floor(Math.log10(Math.abs(value))) - 1)) : 0.001;
 }
 
 /**
+ * @typedef {object} Knobs
+ * @property {(groups: object[], state: object, afresh: boolean) => void} show
+ * @property {(error: {message: string, field: string|null}|null) => boolean} complain at the field; whether it has one
+ *
  * @param {HTMLElement} root
- * @param {(change: (state: object) => object, how: {path: string, done: boolean}) => void} changed done: let go, not dragged
+ * @param {(change: (state: object) => object, how: {path: string, done: boolean}) => void} changed done: not dragged
  * @param {(path: string) => string} describe
- * @returns {{show: (groups: object[], state: object, afresh: boolean) => void, complain: (error: object|null) => boolean}}
+ * @returns {Knobs}
  */
 export function knobs(root, changed, describe) {
   let shape = "";
   let rows = new Map(); // key, most often the path -> {field, element, update, complaint}
-  let folded = new Map(); // group -> open, as the reader left it
+  const folded = new Map(); // group -> open, as the reader left it
 
   /** own: seen here, so that what the server says of other fields does not end it. */
   function complainAt(row, message, own = false) {
@@ -101,7 +108,7 @@ export function knobs(root, changed, describe) {
       const value = field.read(state);
       if (document.activeElement !== entry || (afresh && entry.valueAsNumber !== value)) entry.value = value ?? "";
       entry.step = field.whole ? 1 : nudge(value ?? 0);
-      const busy = [entry, slider].includes(document.activeElement);
+      const busy = row.inputs.includes(document.activeElement);
       if (afresh || !scale) place(value, true);
       else if (!busy) place(value, !holds(value));
     };
@@ -177,21 +184,14 @@ export function knobs(root, changed, describe) {
       details.addEventListener("toggle", () => folded.set(group.id, details.open));
       return details;
     }));
-    if (focused && root.querySelector(`#${CSS.escape(focused)}`)) root.querySelector(`#${CSS.escape(focused)}`).focus();
+    const again = focused ? root.querySelector(`#${CSS.escape(focused)}`) : null;
+    if (again instanceof HTMLElement) again.focus();
   }
 
   root.addEventListener("submit", (event) => event.preventDefault());
   return {
     show(groups, state, afresh) {
-      const now = JSON.stringify(
-        groups.map((
-          { id, title, fields },
-        ) => [
-          id,
-          title,
-          fields.map(({ key, path, label, kind, unit, choices }) => [key, path, label, kind, unit, choices]),
-        ]),
-      );
+      const now = JSON.stringify(groups.map(({ id, title, fields }) => [id, title, fields.map(looks)]));
       if (now !== shape) {
         shape = now;
         build(groups);

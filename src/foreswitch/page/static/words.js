@@ -3,13 +3,10 @@
 import { show } from "./scale.js";
 import { bare, unitOf } from "./sizes.js";
 
-const time = (
-  seconds,
-) => (seconds === null || seconds === undefined
-  ? "–"
-  : Math.abs(seconds) < 1
-  ? `${show(1000 * seconds)} ms`
-  : `${show(seconds)} s`);
+function time(seconds) {
+  if (seconds === null || seconds === undefined) return "–";
+  return Math.abs(seconds) < 1 ? `${show(1000 * seconds)} ms` : `${show(seconds)} s`;
+}
 const capital = (text) => text[0].toUpperCase() + text.slice(1);
 const withUnit = (value, name) => `${show(value)} ${unitOf(name)}`.trim();
 
@@ -36,9 +33,8 @@ export function summary(run) {
     ? [`In ${odd} periods the command did not rest on a sound measurement; move the cursor there to read why`]
     : [];
   const more = [...unsound, ...(run.warnings ?? [])].map((each) => sentence(capital(each)));
-  return [`${capital(outputs.join("; "))}.`, `${capital(inputs.join(", "))} in ${time(run.t.at(-1))}.`, ...more].join(
-    " ",
-  );
+  const switched = `${capital(inputs.join(", "))} in ${time(run.t.at(-1))}.`;
+  return [`${capital(outputs.join("; "))}.`, switched, ...more].join(" ");
 }
 
 /**
@@ -89,13 +85,10 @@ export function figures(metrics, outputs, proof) {
   const { rms_error, lag, rms_error_at_lag, max_error, switches, on_time } = lists(metrics);
   const inUnit = (values) => values.map((value, q) => withUnit(value, outputs[q])).join(", ");
   const times = (values) => values.map(time).join(", ");
-  const bound = proof === undefined
-    ? "…"
-    : proof === null
-    ? ""
-    : proof.holds
-    ? `${inUnit(proof.error_bound)}${proof.covers ? " (model only)" : ""}`
-    : "none";
+  const bound = () => {
+    if (!proof) return proof === null ? "" : "…";
+    return proof.holds ? `${inUnit(proof.error_bound)}${proof.covers ? " (model only)" : ""}` : "none";
+  };
   return [
     inUnit(rms_error),
     times(lag),
@@ -103,7 +96,7 @@ export function figures(metrics, outputs, proof) {
     inUnit(max_error),
     switches.join(", "),
     times(on_time),
-    bound,
+    bound(),
   ];
 }
 

@@ -605,14 +605,14 @@ def plant(tmp_path):
 
 @pytest.mark.skipif(fmpy.platform != "linux64", reason="the plant is built for Linux")
 def test_controller_and_plant_are_two_fmus(plant, tmp_path, monkeypatch):
-    """The master of docs/fmu.md, run as it stands there, gives the run of `simulate`."""
+    """The master of docs/guide/fmu.md, run as it stands there, gives the run of `simulate`."""
     law = valve_controller(VALVE.replace(input_names=["valve"], output_names=["pressure [kPa]"]))
     fsw.export_fmu(law, tmp_path / "controller.fmu")
-    page = (DOCS / "fmu.md").read_text()
+    page = (DOCS / "guide/fmu.md").read_text()
     master = next(each for each in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if '"plant.fmu"' in each)
     monkeypatch.chdir(tmp_path)
     names = {}
-    exec(compile(master, "docs/fmu.md", "exec"), names)
+    exec(compile(master, "docs/guide/fmu.md", "exec"), names)
     commands = np.array(names["commands"])
     reference = fsw.Sine(500.0, 2.0, offset=500.0)
     run = fsw.simulate(valve_controller(), reference, len(commands) * 1e-3)

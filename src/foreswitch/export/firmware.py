@@ -142,7 +142,7 @@ def firmware_figures(controller: Controller) -> dict[str, Any]:
 
 
 def _multiply_adds(design: Design) -> int:
-    """As docs/c_api.md counts them."""
+    """As docs/reference/c_api.md counts them."""
     n, m, q, p = design.states, design.inputs, design.outputs, design.disturbances
     loads, z, h = design.loads, design.measured, design.horizon
     under_way = int(design.pending.sum())

@@ -64,7 +64,7 @@ class Moment:
     def landing(self) -> Array | None:
         """Outputs predicted for then, a row per candidate, NaN where a dwell forbids it; None for a horizon.
 
-        The sum of docs/theory.md [4] for the output itself in place of the sliding variable.
+        The sum of docs/theory/theory.md [4] for the output itself in place of the sliding variable.
         """
         law = self.controller
         if not isinstance(law.objective, Endpoint) or not np.isfinite(self.x).all():

@@ -1,5 +1,6 @@
 """The pages: every snippet runs and shows what it really prints; every key and every public name is described."""
 
+import ast
 import os
 import re
 import shutil
@@ -336,12 +337,42 @@ def test_every_make_that_a_page_tells_is_a_target():
 
 
 def test_every_file_that_a_page_names_exists():
-    for page in PAGES:
+    for page in [*PAGES, ROOT / "CONTRIBUTING.md"]:
         for path in re.findall(
             r"`((?:tests|core|examples|docs|src|benchmarks)/[\w./]+)`", page.read_text(encoding="utf-8")
         ):
             built = path.startswith("docs/_build/")  # by make docs
             assert built or (ROOT / path).exists(), f"{page.name} names {path}"
+
+
+def test_the_layers_are_declared_once():
+    """CONTRIBUTING points at the declaration and at what each wing says of itself."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    assert {"`.importlinter`", "`__init__.py`"} <= set(re.findall(r"`[^`]+`", text))
+    assert (ROOT / ".importlinter").is_file()
+    assert "lint-imports" in re.search(r"^lint:(.*?)\n\n", (ROOT / "Makefile").read_text(), re.DOTALL | re.MULTILINE)[1]
+    layers = re.findall(r"^    ([\w |]+)$", (ROOT / ".importlinter").read_text().split("layers =")[1], re.MULTILINE)
+    wings = {wing for layer in layers for wing in layer.split(" | ")}
+    assert len(wings) > 10
+    chain = re.compile(rf"({'|'.join(wings)})`? *[<>→] *`?({'|'.join(wings)})")
+    assert not [page for page in TEXTS if chain.search(page.read_text(encoding="utf-8"))]
+
+
+def test_the_reference_says_what_became_of_old_names():
+    import foreswitch
+
+    for old, new in foreswitch._RENAMED.items():
+        assert re.search(rf"\| `foreswitch\.{old}` \| now `foreswitch\.{new}`", page_text("reference/python_api.md"))
+
+
+def test_the_tools_are_short():
+    """As the package is: a file one idea, a function one view."""
+    for path in (DOCS / "_tools").rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        assert text.count("\n") <= 450, path
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef):
+                assert node.end_lineno - node.lineno < 60, f"{path.name}: {node.name}"
 
 
 def test_every_page_is_in_the_table_of_contents_once():

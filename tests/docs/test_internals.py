@@ -86,11 +86,11 @@ def test_every_module_named_is_there():
 
 
 def test_a_wrong_step_is_found():
-    controller, header, page = map(located, ("control/controller.py", "export/header.py", "page/static/main.js"))
-    assert joined(controller, header, "import")
+    design, header, page = map(located, ("control/design.py", "export/header.py", "page/static/main.js"))
+    assert joined(design, header, "import")
     assert not joined(located("control/kalman.py"), header, "import")
     assert not joined(page, located("page/static/scale.js"), "import")
-    assert not joined(controller, header, "no such word")
+    assert not joined(design, header, "no such word")
     with pytest.raises(ValueError, match="unpack"):
         located("control/no_such_module.py")
 

@@ -40,9 +40,7 @@ def imports(file):
     """Dotted names of the modules, or files, that one file imports."""
     text = file.read_text(encoding="utf-8")
     if file.suffix == ".js":
-        return {
-            str((file.parent / name).resolve()) for name in re.findall(r'^import .+ from "(\./\w+\.js)";', text, re.M)
-        }
+        return {str((file.parent / name).resolve()) for name in re.findall(r'\bfrom "(\./\w+\.js)";', text)}
     found = set()
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.ImportFrom):
@@ -53,12 +51,13 @@ def imports(file):
 
 
 def joined(above, below, by):
-    """Whether the second file is joined to the first as the page says."""
+    """Whether the second file is joined to the first as the page says; a word may be the second one's name."""
     if by == "import":
         names = [str(file) if file.suffix == ".js" else dotted(file) for file in (above, below)]
         return names[1] in imports(above) or names[0] in imports(below)
     texts = [file.read_text(encoding="utf-8") for file in (above, below)]
-    return by in texts[0] and (by in texts[1] or (below.suffix == ".py" and by == dotted(below)))
+    name = dotted(below) if below.suffix == ".py" else below.name
+    return by in texts[0] and (by in texts[1] or by == name)
 
 
 def test_there_are_the_walks():

@@ -23,7 +23,7 @@ def number(name: str, value: Any, *, above: float | None = None, least: float | 
         if isinstance(value, str) or np.ndim(value) > 0:
             raise TypeError
         result = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise Mistake(name, value, "give one number") from None
     if not math.isfinite(result):
         raise Mistake(name, value, "give a finite number")
@@ -42,7 +42,7 @@ def array(
         if value is None:
             raise TypeError
         result = np.array(value, dtype=np.float64, ndmin=ndmin)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise Mistake(name, value, "give numbers in a rectangular array", subject=subject) from None
     if shape is not None and result.shape != shape:
         problem = f"has shape {result.shape}"
@@ -59,7 +59,7 @@ def vector(name: str, value: ArrayLike, size: int, what: str) -> Array:
         if value is None:
             raise TypeError
         result = np.ascontiguousarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise Mistake(name, value, f"give {size} number(s)") from None
     if result.shape != (size,):  # ascontiguousarray has made a number a vector
         raise Mistake(name, value, f"the {what} has shape ({size},)", problem=f"has shape {np.shape(value)}")

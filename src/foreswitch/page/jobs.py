@@ -9,10 +9,9 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
-from foreswitch._helpers.mistake import Mistake, beyond, shortened
+from foreswitch._helpers.mistake import Mistake, beyond
 from foreswitch.page import answers, exports, presets, records
-from foreswitch.page.limits import LIMITS
-from foreswitch.page.wire import clean, pack
+from foreswitch.page.wire import clean, pack, told
 
 __all__ = ["done", "sentence"]
 
@@ -75,6 +74,6 @@ def sentence(error: Exception) -> dict[str, Any]:
     elif isinstance(error, (ValueError, ArithmeticError)) and not isinstance(error, Mistake):
         error = beyond(error)
     if isinstance(error, Mistake):
-        return {"message": shortened(str(error), LIMITS["sentence"]), "field": error.key}
+        return told(error)
     traceback.print_exception(error, file=sys.stderr)
     return {"message": f"the page has a defect here ({type(error).__name__}); the terminal says more", "field": None}

@@ -375,8 +375,12 @@ MISTAKES = {
 def parameters(thing):
     """Names that a caller may give to what is public."""
     found = set(inspect.signature(thing).parameters) if callable(thing) else set()
-    methods = vars(thing).items() if inspect.isclass(thing) else ()
-    return found.union(*(parameters(getattr(thing, name)) for name, m in methods if not name.startswith("_") and m))
+    methods = (
+        inspect.getmembers(thing, lambda m: inspect.isfunction(m) or inspect.ismethod(m))
+        if inspect.isclass(thing)
+        else ()
+    )
+    return found.union(*(parameters(method) for name, method in methods if not name.startswith("_")))
 
 
 ARGUMENTS = set().union(*(parameters(getattr(fsw, name)) for name in fsw.__all__ if inspect.isclass(getattr(fsw, name))

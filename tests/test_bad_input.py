@@ -443,8 +443,8 @@ class Odd:
 
 @pytest.mark.parametrize(
     ("value", "words"),
-    [(0.0, "0"), (5, "5"), (np.float64(0.1), "0.1"), (np.bool_(True), "True"), (np.array([[1.0, 2.0]]), "[[1.0, 2.0]]"),
-     (1.0 / 3.0, "0.333333333"), ("a\nb", "'a\\nb'"), (10**5000, "a value of type int that cannot be written out"),
+    [(0.0, "0.0"), (5, "5"), (np.float64(0.1), "0.1"), (np.bool_(True), "True"), (np.array([[1.0, 2.0]]), "[[1.0, 2.0]]"),
+     (1.0 / 3.0, "0.3333333333333333"), ("a\nb", "'a\\nb'"), (10**5000, "a value of type int that cannot be written out"),
      (Odd(), "a value of type Odd that cannot be written out"), (np.zeros((500, 3)), "an array of shape (500, 3)")],
     ids=range(10),
 )  # fmt: skip
@@ -473,7 +473,7 @@ def test_the_innermost_table_names_the_key_and_places_stand_outermost_first():
 
     found = caught(act)
     assert (found.argument, found.key) == ("low", "simulation.hardware.low")
-    assert str(found) == "project.toml: point 2: low is 2 and high 1; low must be smaller"
+    assert str(found) == "project.toml: point 2: low is 2.0 and high 1.0; low must be smaller"
 
 
 def test_numbers_that_no_library_computes_with_are_a_mistake_of_their_file():

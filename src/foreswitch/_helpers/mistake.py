@@ -133,7 +133,7 @@ def beyond(error: Exception) -> Mistake:
 
 
 def shown(value: object) -> str:
-    """A value in a sentence: a number with up to nine digits, an array as a list, long ones shortened.
+    """A value in a sentence, as it would be typed: an array as a list, what is long shortened.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def shown(value: object) -> str:
     if isinstance(value, (np.ndarray, np.generic)):
         value = value.tolist()
     try:
-        text = f"{value:.9g}" if isinstance(value, float) else repr(value)
+        text = repr(value)
     except Exception:  # integers of thousands of digits, and a stranger's __repr__
         text = f"a value of type {type(value).__name__} that cannot be written out"
     return shortened(text, LONGEST_VALUE)

@@ -287,11 +287,8 @@ class Project:
         if "load" not in changes and table.load is not None:
             settings["load"] = np.abs(table.load)
         if isinstance(table.disturbance, Valve):
-            key, problem = (
-                "simulation.disturbance",
-                "is a valve that follows the output, around which nothing is proven",
-            )
-            remedy = "give its flow over time, or remove it"
+            problem = "is a valve that follows the output, around which nothing is proven"
+            remedy, key = "give its flow over time, or remove it", "simulation.disturbance"
             raise Mistake("disturbance", table.disturbance, remedy, problem=problem, subject=f"[{key}]", key=key)
         with within(None, _of_the_file(self.simulation_keys, changes)):
             if "disturbance" not in changes and self.plant.disturbances:

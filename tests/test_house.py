@@ -254,3 +254,59 @@ def test_there_are_examples_to_run():
     finder = doctest.DocTestFinder()
     counts = [len(test.examples) for module in (fsw.Plant, fsw.Controller) for test in finder.find(module)]
     assert sum(counts) >= 4
+
+
+# Mistakes -------------------------------------------------------------------------------------------------------------
+
+
+def trees():
+    return {path.relative_to(SOURCE).as_posix(): ast.parse(path.read_text()) for path in SOURCE.rglob("*.py")}
+
+
+def named(node):
+    return getattr(node, "id", getattr(node, "attr", None))
+
+
+def bare_raises(tree):
+    """Lines that raise a ValueError without an argument, a value and a remedy as its fields."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Raise) and node.exc is not None:
+            raised = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
+            if named(raised) == "ValueError":
+                yield node.lineno
+
+
+def readings(tree):
+    """Lines that take the text of a caught error apart: a method of it, a search in it, a pattern on it."""
+    for handler in ast.walk(tree):
+        if not isinstance(handler, ast.ExceptHandler) or handler.name is None:
+            continue
+
+        def is_text(node, error=handler.name):
+            return isinstance(node, ast.Call) and named(node.func) == "str" and named(node.args[0]) == error
+
+        for node in ast.walk(handler):
+            inside = [node.value] if isinstance(node, (ast.Attribute, ast.Subscript)) else []
+            inside += node.comparators if isinstance(node, ast.Compare) else []
+            if isinstance(node, ast.Call) and named(getattr(node.func, "value", None)) == "re":
+                inside += node.args
+            if any(map(is_text, inside)):
+                yield node.lineno
+
+
+def test_every_mistake_of_a_users_is_raised_with_its_fields():
+    assert {name: lines for name, tree in trees().items() if (lines := list(bare_raises(tree)))} == {}
+
+
+def test_no_sentence_of_an_error_is_read():
+    assert {name: lines for name, tree in trees().items() if (lines := list(readings(tree)))} == {}
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["str(error).replace('a', 'b')", "';' in str(error)", "re.match('x', str(error))", "str(error)[:3]",
+     "str(error) == 'x' or str(error).startswith('y')", "raise ValueError(f'{error}')", "raise ValueError"],
+)  # fmt: skip
+def test_the_search_for_bare_raises_and_readings_finds_them(line):
+    tree = ast.parse(f"try:\n    pass\nexcept ValueError as error:\n    {line}\n")
+    assert [*bare_raises(tree), *readings(tree)]

@@ -18,6 +18,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from foreswitch._helpers.files import whole_folder, write_whole
+from foreswitch._helpers.mistake import Mistake
 from foreswitch._helpers.text import nearest
 from foreswitch.certificate.certificate import Certificate
 from foreswitch.certificate.report import certificate_report, certificate_section
@@ -111,7 +112,8 @@ def init(
     """Write a commented project file to start from."""
     target = folder / "project.toml"
     if target.exists():
-        raise ValueError(f"{target} exists; give another folder, or remove it first")
+        remedy = "give another folder, or remove it first"
+        raise Mistake("DIR", folder, remedy, problem="exists", subject=str(target))
     with whole_folder(folder) as work:
         write_whole(work / "project.toml", hot_gas_file().read_bytes())
     print(f"{target}: edit it, then 'foreswitch simulate {target}'")
@@ -185,7 +187,7 @@ def _stretch(text: str) -> tuple[float, float]:
     try:
         start, end = (float(part) for part in text.split(":"))
     except ValueError:
-        raise ValueError(f"--skip is {text!r}; give FROM:TO in seconds, such as 10:12.5") from None
+        raise Mistake("--skip", text, "give FROM:TO in seconds, such as 10:12.5") from None
     return start, end
 
 
@@ -349,9 +351,10 @@ def export(
 ) -> None:
     """Write a project's controller for other machines and tools, to the bit what was simulated."""
     if kind not in ("c", "fmu"):
-        raise ValueError(f"kind is {kind!r}; {nearest(kind, ('c', 'fmu'))}")
+        raise Mistake("kind", kind, nearest(kind, ("c", "fmu")))
     if kind == "c" and source_only:
-        raise ValueError("--source-only is for an FMU; leave it out, firmware is sources anyway")
+        remedy = "leave it out, firmware is sources anyway"
+        raise Mistake("--source-only", True, remedy, problem="is for an FMU")
     controller = Project.read(project).controller
     if real is not None and real != controller.real:
         controller = controller.replace(real=real)
@@ -448,7 +451,8 @@ def page(
     except ModuleNotFoundError as error:
         if error.name not in ("starlette", "uvicorn", "websockets"):
             raise
-        raise ValueError(f"page needs {error.name}, which is not installed; pip install 'foreswitch[page]'") from None
+        problem = f"needs {error.name}, which is not installed"
+        raise Mistake("page", error.name, "pip install 'foreswitch[page]'", problem=problem) from None
     tables = None if project is None else presets.read(project)
     server.run(tables, host=host, port=port, remote=remote, opened=not no_open)
 
@@ -463,9 +467,10 @@ def _over(given: list[str]) -> dict[str, str]:
     for text in given:
         key, equals, values = text.partition("=")
         if not equals or not values.strip():
-            raise ValueError(f"--over is {text!r}; give KEY=VALUES, such as controller.Td=0.01,0.02")
+            raise Mistake("--over", text, "give KEY=VALUES, such as controller.Td=0.01,0.02")
         if key.strip() in found:
-            raise ValueError(f"--over stands twice for {key.strip()}; give all its values at once")
+            problem = f"stands twice for {key.strip()}"
+            raise Mistake("--over", text, "give all its values at once", problem=problem)
         found[key.strip()] = values
     return found
 

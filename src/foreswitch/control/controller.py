@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from foreswitch._binding import CORES
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake
 from foreswitch._helpers.text import nearest, tree
 from foreswitch.control.actuator import Actuator
 from foreswitch.control.assembly import assembled
@@ -122,7 +123,7 @@ class Controller(Stepping):
         self.plant, self.objective, self.estimator, self.real = plant, objective, estimator, real
         self.Ts = check.number("Ts", Ts, above=0.0)
         if not 1 <= check.number("bad_limit", bad_limit) <= 65535 or bad_limit != int(bad_limit):
-            raise ValueError(f"bad_limit is {bad_limit}; give 1 to 65535 samples")
+            raise Mistake("bad_limit", bad_limit, "give 1 to 65535 samples")
         self.actuator = Actuator.build(
             levels, plant.inputs, self.Ts, min_on=min_on, min_off=min_off, switch_cost=switch_cost, forbidden=forbidden,
             safe_level=safe_level,
@@ -216,7 +217,9 @@ class Controller(Stepping):
         """
         unknown = sorted(changes.keys() - self._arguments.keys())
         if unknown:
-            raise ValueError(f"Controller has no argument {unknown[0]!r}; {nearest(unknown[0], self._arguments)}")
+            name = unknown[0]
+            problem = f"has no argument {name!r}"
+            raise Mistake(name, changes[name], nearest(name, self._arguments), problem=problem, subject="Controller")
         return Controller(**(self._arguments | changes))
 
     def __reduce__(self) -> Any:

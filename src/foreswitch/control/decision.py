@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake
 
 __all__ = ["Decision", "Memory", "Status", "canonical_reference"]
 
@@ -115,10 +116,9 @@ def canonical_reference(reference: ArrayLike, outputs: int, order: int, evaluati
     short = np.ndim(reference) < 3
     fits = given.ndim == 3 and given.shape[:2] == (1 if short else evaluations, outputs)
     if not fits or not 1 <= given.shape[2] <= order:
-        raise ValueError(
-            f"reference has shape {np.shape(reference)}; give ({evaluations}, {outputs}, {order}), that is evaluations, "
-            "outputs and derivatives, or a short form"
-        )
+        form = f"({evaluations}, {outputs}, {order}), that is evaluations, outputs and derivatives"
+        problem = f"has shape {np.shape(reference)}"
+        raise Mistake("reference", reference, f"give {form}, or a short form", problem=problem)
     result = np.zeros((evaluations, outputs, order))
     result[..., : given.shape[2]] = given
     return result

@@ -8,6 +8,7 @@ import numpy as np
 
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.control.actuator import Actuator, level_products
 from foreswitch.control.ideal_loop import ideal_response
 from foreswitch.control.objective import Endpoint
@@ -28,13 +29,12 @@ def degrees(plant: Plant, given: Any) -> np.ndarray[Any, np.dtype[np.int64]]:
     if given is not None:
         values = check.per("relative_degree", given, plant.outputs, "output", least=1.0)
         if (values > plant.states).any() or (values != np.round(values)).any():
-            raise ValueError(f"relative_degree is {given!r}; give whole numbers from 1 to {plant.states}")
+            raise Mistake("relative_degree", given, f"give whole numbers from 1 to {plant.states}")
         return values.astype(np.int64)
     found = prediction.relative_degrees(plant)
     if 0 in found:
-        raise ValueError(
-            f"output {found.index(0) + 1} has no candidate effect (h = 0): no input reaches it; check B and C"
-        )
+        subject, problem = f"output {found.index(0) + 1}", "has no candidate effect (h = 0): no input reaches it"
+        raise Mistake("plant", plant, "check B and C", problem=problem, subject=subject)
     return np.array(found, dtype=np.int64)
 
 
@@ -45,7 +45,7 @@ class EndpointLaw:
 
     def __init__(self, plant: Plant, objective: Endpoint, actuator: Actuator, Ts: float) -> None:
         if objective.Td < Ts * (1.0 - 1e-9):
-            raise ValueError(f"Td is {objective.Td:g}; it must be at least one switching period Ts = {Ts:g}")
+            raise Mistake("Td", objective.Td, f"it must be at least one switching period Ts = {Ts:g}")
         q = plant.outputs
         self.plant, self.objective, self.actuator = plant, objective, actuator
         self.relative_degree = degrees(plant, objective.relative_degree)
@@ -59,11 +59,12 @@ class EndpointLaw:
         for j, row in enumerate(self.rows.hold):
             scale = np.abs(self.sliding.state).sum(axis=1) * np.abs(plant.B[:, j]).max() * Ts
             if not np.isfinite(row).all():
-                raise ValueError(f"Td = {objective.Td:g} s is too long for this unstable plant; shorten it")
+                problem = f"= {objective.Td:g} s is too long for this unstable plant"
+                raise Mistake("Td", objective.Td, "shorten it", problem=problem)
             if not (np.abs(row[0]) > 1e-14 * scale).any():
-                raise ValueError(
-                    f"input {j + 1} has no effect on the sliding variable at the evaluation instant (h = 0); "
-                    "change Td, lam or the outputs"
+                problem = "has no effect on the sliding variable at the evaluation instant (h = 0)"
+                raise Mistake(
+                    "Td", objective.Td, "change Td, lam or the outputs", problem=problem, subject=f"input {j + 1}"
                 )
         model = prediction.period_model(plant, Ts)
         self.dc_gain, self.lag = ideal_response(model, self.rows, self.sliding, self.rest, plant.C, self.weight, Ts)
@@ -77,9 +78,10 @@ class EndpointLaw:
         """Offsets from t_k at which the reference is sampled, (1,), or (1, q) where outputs differ."""
         if isinstance(preview, str):
             if preview != "lag":
-                raise ValueError(f"preview is {preview!r}; give False, True, 'lag' or seconds")
+                raise Mistake("preview", preview, "give False, True, 'lag' or seconds")
             if not np.isfinite(self.lag).all():
-                raise ValueError("preview is 'lag', but the loop has no lag (its DC gain is 0); give seconds")
+                problem = "is 'lag', but the loop has no lag (its DC gain is 0)"
+                raise Mistake("preview", preview, "give seconds", problem=problem)
             return self.lag[:1] if np.all(self.lag == self.lag[0]) else self.lag[None, :]
         if isinstance(preview, (bool, np.bool_)):
             return np.array([float(self.plant.input_delay.max()) + self.objective.Td if preview else 0.0])

@@ -9,6 +9,7 @@ import numpy as np
 
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.control.actuator import Actuator, level_products
 from foreswitch.control.design import HorizonDesign
 from foreswitch.control.endpoint import degrees
@@ -42,20 +43,21 @@ class HorizonLaw:
         self.rest = prediction.rest(plant) if objective.tail == "rest" else None
         self.model = model = horizon_model(plant, Ts)
         self.steps, size = objective.steps + model.lead, model.F.shape[0]
-        for count, limit, what in (
-            (self.steps, core.MAX_STEPS, "steps (those that the fastest input is ahead included)"),
-            (size, core.HORIZON_STATES, "states and waiting moves"),
-            (len(actuator.candidates), core.HORIZON_CANDIDATES, "candidates"),
+        for argument, count, limit, what in (
+            ("steps", self.steps, core.MAX_STEPS, "steps (those that the fastest input is ahead included)"),
+            ("plant", size, core.HORIZON_STATES, "states and waiting moves"),
+            ("levels", len(actuator.candidates), core.HORIZON_CANDIDATES, "candidates"),
         ):
             if count > limit:
-                raise ValueError(f"the horizon has {count} {what}; the core holds up to {limit}, use fewer")
+                remedy = f"the core holds up to {limit}, use fewer"
+                raise Mistake(argument, count, remedy, problem=f"has {count} {what}", subject="the horizon")
         first, last = objective.window or (1, objective.steps)
         root_weight = np.zeros((self.steps, q))
         root_weight[model.lead + first - 1 : model.lead + last] = np.sqrt(self.weight)
         S = np.hstack([self.sliding.state, np.zeros((q, size - plant.states))])
         move_weight = check.per("move_weight", objective.move_weight, m, "input")
         self.moves = objective.moves or objective.steps
-        too_long = f"steps is {objective.steps}, too long for this unstable plant or these weights; reduce them"
+        too_long = f"is {objective.steps}, too long for this unstable plant or these weights"
         with np.errstate(over="ignore", invalid="ignore"):  # checked below
             self.terminal = self._terminal(S, move_weight)
             try:
@@ -65,9 +67,9 @@ class HorizonLaw:
                     terminal=self.terminal,
                 )  # fmt: skip
             except np.linalg.LinAlgError:
-                raise ValueError(too_long) from None
+                raise Mistake("steps", objective.steps, "reduce them", problem=too_long) from None
         if not all(np.isfinite(a).all() for a in self.search_tables.arrays.values() if a is not None):
-            raise ValueError(too_long)
+            raise Mistake("steps", objective.steps, "reduce them", problem=too_long)
         # the sequence is chosen with all of the reference in view: there is no one lag
         self.lag, self.dc_gain = np.full(q, np.nan), np.full((q, q), np.nan)
 
@@ -87,21 +89,19 @@ class HorizonLaw:
             try:
                 return riccati_terminal(model.F, model.G, S, self.weight, np.maximum(move_weight, least))
             except np.linalg.LinAlgError:
-                raise ValueError(
-                    "terminal is 'riccati', but the plant has a mode that no input moves or no output shows; "
-                    "leave it out, or give a matrix"
-                ) from None
+                problem = "is 'riccati', but the plant has a mode that no input moves or no output shows"
+                raise Mistake("terminal", given, "leave it out, or give a matrix", problem=problem) from None
         P = check.array("terminal", given, (n, n))
         values, vectors = np.linalg.eigh((P + P.T) / 2.0)
         if not np.allclose(P, P.T) or values.min() < -1e-9 * max(values.max(), 1e-300):
-            raise ValueError(f"terminal is {P.tolist()}; give a symmetric matrix without negative eigenvalues")
+            raise Mistake("terminal", P, "give a symmetric matrix without negative eigenvalues")
         root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
         return np.hstack([root, np.zeros((n, size - n))])
 
     def sampling(self, preview: bool | str | float) -> Array:
         """Offsets from t_k at which the reference is sampled, (steps,)."""
         if isinstance(preview, str):
-            raise ValueError(f"preview is {preview!r}; a Horizon takes False, True or seconds")
+            raise Mistake("preview", preview, "a Horizon takes False, True or seconds")
         if isinstance(preview, (bool, np.bool_)) and preview:
             result: Array = float(self.plant.input_delay.max()) + self.Ts * np.arange(1, self.evaluations + 1)
             return result

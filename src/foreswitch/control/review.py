@@ -7,6 +7,7 @@ from typing import Any
 
 from foreswitch._binding import CORES
 from foreswitch._helpers import check
+from foreswitch._helpers.mistake import Mistake
 from foreswitch._helpers.text import nearest
 from foreswitch.control.actuator import LONGEST_HOLD, Actuator
 from foreswitch.control.kalman import Kalman
@@ -19,13 +20,14 @@ __all__ = ["check_kinds", "check_sizes", "warn_of_short_prediction"]
 def check_kinds(plant: Any, objective: Any, estimator: Any, real: Any) -> None:
     """Whether each is of a kind that a controller is made of."""
     if not isinstance(plant, Plant):
-        raise ValueError(f"plant is a {type(plant).__name__}; give a Plant, see Plant.from_control")
+        problem = f"is a {type(plant).__name__}"
+        raise Mistake("plant", plant, "give a Plant, see Plant.from_control", problem=problem)
     if not isinstance(objective, (Endpoint, Horizon)):
-        raise ValueError(f"objective is {objective!r}; give an Endpoint or a Horizon")
+        raise Mistake("objective", objective, "give an Endpoint or a Horizon")
     if not (estimator is None or isinstance(estimator, Kalman)):
-        raise ValueError(f"estimator is {estimator!r}; give a Kalman, or nothing where the state is measured")
+        raise Mistake("estimator", estimator, "give a Kalman, or nothing where the state is measured")
     if real not in CORES:
-        raise ValueError(f"real is {real!r}; {nearest(str(real), CORES)}")
+        raise Mistake("real", real, nearest(str(real), CORES))
 
 
 def warn_of_short_prediction(actuator: Actuator, reach: float, name: str, stacklevel: int) -> None:
@@ -52,13 +54,15 @@ def check_sizes(plant: Plant, loads: int, actuator: Actuator, Ts: float, reach: 
     longest = float(plant.input_delay.max())
     depth = check.periods(longest, Ts) + 1
     holds = min(max(map(max, actuator.dwell)), check.periods(longest + reach, Ts))
-    for size, limit, what in (
-        (plant.states, core.MAX_STATES, "states"),
-        (plant.inputs, core.MAX_INPUTS, "inputs"),
-        (plant.outputs, core.MAX_OUTPUTS, "outputs"),
-        (plant.disturbances + loads, core.MAX_DISTURBANCES, "disturbances and loads"),
-        (depth * plant.inputs, min(core.MAX_LINE, LONGEST_HOLD), "periods of dead time (times inputs)"),
-        (holds, LONGEST_HOLD, "periods of dwell within the horizon"),
+    line = min(core.MAX_LINE, LONGEST_HOLD)
+    for argument, size, limit, what in (
+        ("plant", plant.states, core.MAX_STATES, "states"),
+        ("plant", plant.inputs, core.MAX_INPUTS, "inputs"),
+        ("plant", plant.outputs, core.MAX_OUTPUTS, "outputs"),
+        ("E", plant.disturbances + loads, core.MAX_DISTURBANCES, "disturbances and loads"),
+        ("input_delay", depth * plant.inputs, line, "periods of dead time (times inputs)"),
+        ("min_on", holds, LONGEST_HOLD, "periods of dwell within the horizon"),
     ):
         if size > limit:
-            raise ValueError(f"plant has {size} {what}; the core holds up to {limit}, perhaps with a longer Ts")
+            remedy = f"the core holds up to {limit}, perhaps with a longer Ts"
+            raise Mistake(argument, size, remedy, problem=f"has {size} {what}", subject="plant")

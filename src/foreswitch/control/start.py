@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake, shown
 from foreswitch.control.actuator import Actuator, level_indices
 from foreswitch.model.plant import Plant
 
@@ -32,13 +33,15 @@ def commands_under_way(
     if values.ndim < 2:
         values = values.reshape(-1, 1) if m == 1 else values.reshape(1, -1)
     if values.ndim != 2 or values.shape[1] != m or len(values) < steps:
-        raise ValueError(f"pending has shape {np.shape(pending)}; give at least {steps} row(s) of {m} level(s)")
+        remedy = f"give at least {steps} row(s) of {m} level(s)"
+        raise Mistake("pending", pending, remedy, problem=f"has shape {np.shape(pending)}")
     given = [level_indices("pending", row, actuator.levels) for row in values[-depth:]]
     allowed = {tuple(command) for command in actuator.candidates.tolist()}
     for row in given:
         if tuple(row) not in allowed:
             level = [float(v[i]) for v, i in zip(actuator.levels, row, strict=True)]
-            raise ValueError(f"pending holds the forbidden command {level}; start from an allowed one")
+            problem = f"holds the forbidden command {level}"
+            raise Mistake("pending", pending, "start from an allowed one", problem=problem)
     given = given or [actuator.safe]
     return np.array([given[0]] * (depth - len(given)) + given, dtype=np.uint8)
 
@@ -68,11 +71,11 @@ def known_state(
     if estimate is None:
         for name, value in (("load", load), ("disturbance", disturbance)):
             if value is not None:
-                raise ValueError(f"{name} is {value!r} without a state; give estimate too")
+                raise Mistake(name, value, "give estimate too", problem=f"is {shown(value)} without a state")
         return None
     x = check.array("estimate", estimate, (plant.states,))
     w = [
-        np.zeros(size) if value is None else check.array(name, np.atleast_1d(np.asarray(value)), (size,))
+        np.zeros(size) if value is None else check.array(name, value, (size,), ndmin=1)
         for name, value, size in (("disturbance", disturbance, plant.disturbances), ("load", load, loads))
     ]
     return x, np.concatenate(w)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from foreswitch._binding import REALS
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.control.actuator import Actuator, level_indices
 from foreswitch.control.decision import Decision, Memory, Status, canonical_reference
 from foreswitch.control.design import Design
@@ -242,7 +243,7 @@ class Stepping:
             If the number is out of range.
         """
         if not 0 <= check.number("periods", periods) <= 65535 or periods != int(periods):
-            raise ValueError(f"periods is {periods}; give 0 to 65535, or reset after a longer silence")
+            raise Mistake("periods", periods, "give 0 to 65535, or reset after a longer silence")
         self.core.missed(int(periods))
 
     def safe(self, x: ArrayLike | None = None, *, disturbance: ArrayLike | None = None) -> Array:

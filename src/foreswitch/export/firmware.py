@@ -14,6 +14,7 @@ import numpy as np
 
 from foreswitch._binding import REALS
 from foreswitch._helpers.files import whole_folder
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.control.controller import Controller
 from foreswitch.control.design import Design
 from foreswitch.export.header import exported, initialiser, limits, limits_text, number, tables_text
@@ -85,13 +86,13 @@ def export_c(controller: Controller, folder: str | Path, *, name: str = "control
 def check_export(controller: Controller, name: str) -> None:
     """Whether there is something to export, under a name that C allows."""
     if not isinstance(controller, Controller):
-        raise ValueError(f"controller is a {type(controller).__name__}; give a Controller, baselines have no firmware")
+        problem = f"is a {type(controller).__name__}"
+        raise Mistake("controller", controller, "give a Controller, baselines have no firmware", problem=problem)
     if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name, flags=re.ASCII) or name.startswith("fsw"):
-        raise ValueError(f"name is {name!r}; give a C identifier that does not begin with fsw")
+        raise Mistake("name", name, "give a C identifier that does not begin with fsw")
     if name in TAKEN.split() or name in _identifiers():
-        raise ValueError(
-            f"name is {name!r}, which the C sources use themselves; give another, say {name + '_control'!r}"
-        )
+        problem = f"is {name!r}, which the C sources use themselves"
+        raise Mistake("name", name, f"give another, say {name + '_control'!r}", problem=problem)
 
 
 @cache

@@ -21,6 +21,7 @@ import numpy as np
 
 from foreswitch._binding import REALS
 from foreswitch._helpers.files import write_whole
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.control.controller import Controller
 from foreswitch.control.design import Design
 from foreswitch.export.firmware import CORE, HORIZON, SHELL, check_export, filled, headline
@@ -77,7 +78,7 @@ def export_fmu(controller: Controller, path: str | Path, *, name: str = "control
     check_export(controller, name)
     target = Path(path)
     if target.suffix != ".fmu" or target.is_dir():
-        raise ValueError(f"path is {str(path)!r}; give a file that ends in .fmu")
+        raise Mistake("path", str(path), "give a file that ends in .fmu")
     sources, variables = _sources(controller, name), listed_variables(controller)
     description = described(controller, name, variables, sorted(f for f in sources if f.endswith(".c")))
     guid = _guid([description, *(f"{file}\n{text}" for file, text in sorted(sources.items()))])
@@ -90,7 +91,8 @@ def export_fmu(controller: Controller, path: str | Path, *, name: str = "control
         target.parent.mkdir(parents=True, exist_ok=True)
         write_whole(target, _packed(content))
     except OSError as error:
-        raise ValueError(f"path {path} cannot be written ({error.strerror}); give another") from None
+        problem = f"{path} cannot be written ({error.strerror})"
+        raise Mistake("path", path, "give another", problem=problem) from None
 
 
 def _guid(parts: Sequence[str]) -> str:
@@ -119,9 +121,8 @@ def _platform() -> tuple[str, str]:
     machine = platform.machine().lower()
     found = PLATFORMS.get((sys.platform, machine))
     if found is None:
-        raise ValueError(
-            f"binary is True, but FMI 2.0 has no name for {sys.platform} on {machine}; give binary=False (--source-only)"
-        )
+        problem = f"is True, but FMI 2.0 has no name for {sys.platform} on {machine}"
+        raise Mistake("binary", True, "give binary=False (--source-only)", problem=problem)
     return found
 
 
@@ -133,9 +134,8 @@ def _compiler() -> list[str]:
         if shutil.which(command[0]):
             return command
     wanted = named or ", ".join(COMPILERS)
-    raise ValueError(
-        f"binary is True, but no C compiler is found ({wanted}); install one, or give binary=False (--source-only)"
-    )
+    problem = f"is True, but no C compiler is found ({wanted})"
+    raise Mistake("binary", True, "install one, or give binary=False (--source-only)", problem=problem)
 
 
 def _compiled(content: dict[str, bytes], suffix: str) -> bytes:
@@ -150,10 +150,9 @@ def _compiled(content: dict[str, bytes], suffix: str) -> bytes:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
         if done.returncode:
             said = (done.stderr.strip().splitlines() or ["it says nothing"])[0]
-            raise ValueError(
-                f"binary is True, but {shlex.join(compiler)} fails ({said}); set CC to another compiler, or give "
-                "binary=False (--source-only)"
-            )
+            problem = f"is True, but {shlex.join(compiler)} fails ({said})"
+            remedy = "set CC to another compiler, or give binary=False (--source-only)"
+            raise Mistake("binary", True, remedy, problem=problem)
         return (Path(folder) / f"library{suffix}").read_bytes()
 
 

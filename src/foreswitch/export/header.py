@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from foreswitch._binding import REALS
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.control.design import Design, HorizonDesign, Tables
 
 __all__ = ["exported", "initialiser", "limits", "limits_text", "number", "tables_text"]
@@ -55,10 +56,9 @@ def exported(design: Design) -> Design:
         for each in part.tables() if part else ():
             values = getattr(part, each.name)
             if values is not None and not np.isfinite(values).all():
-                raise ValueError(
-                    f"real is {design.real!r}, in which the design's {each.name} overflows; choose smaller weights, or "
-                    "units of which the plant moves fewer"
-                )
+                problem = f"is {design.real!r}, in which the design's {each.name} overflows"
+                remedy = "choose smaller weights, or units of which the plant moves fewer"
+                raise Mistake("real", design.real, remedy, problem=problem)
     return design
 
 

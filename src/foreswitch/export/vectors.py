@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from foreswitch._binding import REALS
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.control.controller import Controller
 
 __all__ = ["Golden", "golden_steps"]
@@ -102,7 +103,8 @@ def golden_steps(controller: Controller) -> Golden:
     last = law.memory
     names = ("measured", "reference", "disturbance", "command", "status", "cost", "nodes")
     if not np.isfinite([row[5] for row in rows]).all():
-        raise ValueError(f"real is {law.real!r}, in which costs overflow; choose smaller weights")
+        problem = f"is {law.real!r}, in which costs overflow"
+        raise Mistake("real", law.real, "choose smaller weights", problem=problem)
     columns = {name: np.array(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
     assert last.x is not None, "most samples are usable"
     assert last.w is not None

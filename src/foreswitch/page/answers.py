@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake, within
 from foreswitch._helpers.text import nearest
 from foreswitch.certificate.certificate import Certificate
 from foreswitch.certificate.ideal_response import ideal_run
-from foreswitch.page.complaint import Complaint
-from foreswitch.page.setups import Setup, setup
+from foreswitch.page.setups import OPTIONS, Setup, setup
 from foreswitch.project.tables import SimulationTable
 from foreswitch.simulation import baselines
 from foreswitch.simulation.loop import Loop
@@ -68,11 +68,13 @@ def costs(request: dict[str, Any]) -> Answer:
     project = made.project
     settings = project.simulation_settings()
     duration, x0, seed = (settings.pop(key, None) for key in ("duration", "x0", "seed"))
-    loop = Loop(project.controller, project.reference, duration, **settings)
+    with within(None, project.simulation_keys):
+        loop = Loop(project.controller, project.reference, duration, **settings)
     k = request.get("step", 0)
     if isinstance(k, bool) or not isinstance(k, int) or not 0 <= k < loop.steps:
-        raise Complaint(f"step is {k!r}; give a whole number from 0 to {loop.steps - 1}", "step")
-    then = moment(loop, x0, seed, k)
+        raise Mistake("step", k, f"give a whole number from 0 to {loop.steps - 1}", key="step")
+    with within(None, project.simulation_keys):
+        then = moment(loop, x0, seed, k)
     decision, law = then.decision, then.controller
     chosen = np.flatnonzero((decision.candidates == decision.u).all(axis=1))
     fields = {
@@ -98,7 +100,8 @@ def certify(request: dict[str, Any]) -> Answer:
     """What is proven, with the errors of the options, either way."""
     made = setup(request)
     project = made.model
-    proof = project.certify(delay_error=abs(made.delay_error), gain_error=abs(made.gain_error))
+    with within(None, OPTIONS):
+        proof = project.certify(delay_error=abs(made.delay_error), gain_error=abs(made.gain_error))
     fields: dict[str, Any] = {
         "holds": proof.holds,
         "reasons": proof.reasons,
@@ -142,9 +145,9 @@ def baseline(request: dict[str, Any]) -> Answer:
     """What people use today, tuned on the same task."""
     which, budget = request.get("which"), request.get("budget", 300)
     if not isinstance(which, str) or which not in BASELINES:
-        raise Complaint(f"which is {which!r}; {nearest(str(which), BASELINES)}", "which")
+        raise Mistake("which", which, nearest(str(which), BASELINES), key="which")
     if isinstance(budget, bool) or not isinstance(budget, int) or not 20 <= budget <= 2000:
-        raise Complaint(f"budget is {budget!r}; give 20 to 2000 runs", "budget")
+        raise Mistake("budget", budget, "give 20 to 2000 runs", key="budget")
     made = setup(request)
     tuned = made.project.tune(BASELINES[which], budget=budget)
     fields, arrays = picture(tuned.run)

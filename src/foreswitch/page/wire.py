@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake, shortened
+from foreswitch.page.limits import LIMITS
 
-__all__ = ["clean", "frame", "pack", "unpack"]
+__all__ = ["clean", "frame", "pack", "told", "unpack"]
 
 
 def pack(header: dict[str, Any], arrays: dict[str, Array] | None = None) -> bytes:
@@ -57,3 +59,17 @@ def frame(head: dict[str, Any], body: bytes = b"") -> bytes:
     """Header and body under their lengths, as a worker reads and writes them."""
     text = json.dumps(head).encode()
     return b"".join([struct.pack("<II", len(text), len(body)), text, body])
+
+
+def told(mistake: Mistake) -> dict[str, Any]:
+    """What a client reads of a mistake: one sentence, and the field it belongs to.
+
+    Parameters
+    ----------
+    mistake : Mistake
+
+    Returns
+    -------
+    dict
+    """
+    return {"message": shortened(str(mistake), LIMITS["sentence"]), "field": mistake.key}

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from foreswitch._binding import CORES
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.control.actuator import dwell_periods, input_levels, level_indices, safe_indices
 from foreswitch.control.decision import canonical_reference
 from foreswitch.model.nonlinear import SteppedPlant
@@ -79,7 +80,7 @@ class Baseline(ABC):
         preview: float = 0.0,
     ) -> None:
         if not isinstance(plant, Plant):
-            raise ValueError(f"plant is a {type(plant).__name__}; give a Plant")
+            raise Mistake("plant", plant, "give a Plant", problem=f"is a {type(plant).__name__}")
         self.plant, self.levels = plant, input_levels(levels, plant.inputs)
         self.Ts = check.number("Ts", Ts, above=0.0)
         self.safe = safe_indices(safe_level, self.levels)
@@ -270,7 +271,8 @@ class SmithPWM(PIPWM):
         fastest = max(plant.poles, key=lambda pole: float(pole.real))
         if fastest.real > 1e-9:
             pole = fastest if fastest.imag else fastest.real
-            raise ValueError(f"plant has the unstable pole {pole:.3g}; a Smith predictor needs none")
+            problem = f"has the unstable pole {pole:.3g}"
+            raise Mistake("plant", plant, "a Smith predictor needs a plant without one", problem=problem)
         super().__init__(plant, levels, Ts, **options)
 
 

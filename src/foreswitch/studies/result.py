@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.files import whole_file
+from foreswitch._helpers.mistake import Mistake
 from foreswitch._helpers.text import nearest, tree
 from foreswitch.presentation.report import Picture, Report, Section, Table, number
 from foreswitch.project.project import Project
@@ -132,14 +133,14 @@ class Study:
         """Shape (quantiles, points)."""
         given = np.asarray(quantiles, dtype=np.float64)
         if given.ndim != 1 or not given.size or not ((given >= 0.0) & (given <= 1.0)).all():
-            raise ValueError(f"quantiles is {quantiles!r}; give shares between 0 and 1")
+            raise Mistake("quantiles", quantiles, "give shares between 0 and 1")
         values = self._metric(metric).reshape(self.plan.points, self.plan.repeats)
         with np.errstate(invalid="ignore"):  # a loop that runs away has no figures
             return np.asarray(np.quantile(values, given, axis=1))
 
     def _metric(self, name: str) -> Array:
         if name not in self.metrics:
-            raise ValueError(f"metric is {name!r}; {nearest(name, self.metrics)}")
+            raise Mistake("metric", name, nearest(name, self.metrics))
         return np.asarray(self.figures[:, self.metrics.index(name)])
 
     def to_frame(self) -> pd.DataFrame:
@@ -193,7 +194,7 @@ class Study:
         Run
         """
         if not 0 <= row < self.plan.rows:
-            raise ValueError(f"row is {row}; give one from 0 to {self.plan.rows - 1}")
+            raise Mistake("row", row, f"give one from 0 to {self.plan.rows - 1}")
         point, repeat = divmod(int(row), self.plan.repeats)
         setup = self.plan.setup(point, repeat, self.project.folder)
         seed = int(self.plan.seeds(point, repeat)[0])
@@ -233,14 +234,17 @@ class Study:
             elif held in values:
                 middle = np.take(middle, values.index(held), axis=i + 1)
             else:
-                raise ValueError(f"at has {key} = {label(held)}; its values are {', '.join(map(label, values))}")
+                remedy = f"its values are {', '.join(map(label, values))}"
+                raise Mistake("at", held, remedy, problem=f"has {key} = {label(held)}", key=key)
         free = dict(reversed(free.items()))
         unknown = sorted(set(at or {}) - set(self.plan.axes))
         if unknown:
-            raise ValueError(f"at has {unknown[0]!r}, which is no axis; {nearest(unknown[0], self.plan.axes)}")
+            problem = f"has {unknown[0]!r}, which is not an axis"
+            raise Mistake("at", unknown[0], nearest(unknown[0], self.plan.axes), problem=problem)
         name = self._label(metric)
         if len(free) > 3:
-            raise ValueError(f"{len(free)} axes are free ({', '.join(free)}); hold all but three of them with at")
+            subject, problem = f"{len(free)} axes", f"are free ({', '.join(free)})"
+            raise Mistake("at", at, "hold all but three of them with at", problem=problem, subject=subject)
         if not free:
             return self._spread(metric, at)
         if len(free) == 1:

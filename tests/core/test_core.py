@@ -19,6 +19,7 @@ from vectors.make import number
 HERE = Path(__file__).parent
 REALS = {"float64": [], "float32": ["-DFSW_SINGLE"]}
 SOURCES = [CORE / "foreswitch.c", CORE / "horizon.c"]
+HEADERS = [CORE / "foreswitch.h", CORE / "arithmetic.h", CORE / "horizon.h"]
 MOVES = "-DFSW_MAX_MOVES=20"
 BUILDS = {
     "float64": ["-O1", MOVES],
@@ -180,7 +181,7 @@ HOLES = {
 
 @pytest.mark.parametrize("hole", HOLES)
 def test_the_bytes_find_a_check_that_is_left_out(tmp_path, hole):
-    for path in (*SOURCES, CORE / "foreswitch.h", CORE / "horizon.h"):
+    for path in (*SOURCES, *HEADERS):
         shutil.copy(path, tmp_path)
     source = tmp_path / "foreswitch.c"
     assert HOLES[hole] in source.read_text()
@@ -237,9 +238,9 @@ def test_the_core_calls_nothing_and_owns_no_writable_data(objects):
 
 
 def test_the_sources_use_neither_heap_nor_stdio():
-    texts = [path.read_text() for path in (*SOURCES, CORE / "foreswitch.h", CORE / "horizon.h")]
+    texts = [path.read_text() for path in (*SOURCES, *HEADERS)]
     headers = {line.split()[1] for text in texts for line in text.splitlines() if line.startswith("#include")}
-    assert headers == {'"foreswitch.h"', '"horizon.h"', '"foreswitch_design.h"', "<stdint.h>"}
+    assert headers == {'"foreswitch.h"', '"arithmetic.h"', '"horizon.h"', '"foreswitch_design.h"', "<stdint.h>"}
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="needs a C++ compiler")

@@ -1,3 +1,4 @@
+/* foreswitch 0.1.0, SPDX-License-Identifier: BSD-3-Clause */
 /* What the core's sources compute with besides the types of foreswitch.h. Private to them: these names bear no prefix.
  */
 #ifndef FORESWITCH_ARITHMETIC_H

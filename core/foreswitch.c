@@ -1,3 +1,4 @@
+/* foreswitch 0.1.0, SPDX-License-Identifier: BSD-3-Clause */
 /* In the order data meets it: checks, delay line, observation, options, prediction, choice, plan, step, other periods.
  */
 #include "foreswitch.h"

@@ -1,3 +1,4 @@
+/* foreswitch 0.1.0, SPDX-License-Identifier: BSD-3-Clause */
 /* In the order data meets it: affine parts, prices, dominance, children, search. */
 #include "foreswitch.h"
 
@@ -36,17 +37,14 @@
 
 #include "arithmetic.h"
 
-/* ---- Tuning: what holds for every design. What depends on it is computed with its tables: patience, far, dominance.
- * ----
- */
+/* ---- Tuning: what is the same for every design; patience, far and dominance come with its tables ---- */
 
-#define HUGE_COST ((fsw_real)FSW_HUGE) /* of no incumbent: above every cost that can be told from an overflow */
+#define HUGE_COST ((fsw_real)FSW_HUGE) /* of no incumbent: any cost is below it, or as good as infinite */
 #define FLOOR ((fsw_real)1e-25)        /* keeps a decaying state out of the denormal numbers, which are slow */
-#define REPLAYED 3 /* moves from which on the plan of before is tried first: of fewer, the first descent is as good */
-#define OUTSIDE 1  /* widths of the hull that a minimiser leaves it by where prices are worth their passes */
-#define PASSES 12  /* of the active-set method: it settles in a handful, but may cycle; any slopes are valid */
-#define ZERO_PIVOT                                                                                                     \
-    ((fsw_real)1e-12) /* relative, where an input has no effect of its own: far above round-off in double */
+#define REPLAYED 3 /* moves from which on an earlier plan is tried: of fewer, the first descent is as good */
+#define OUTSIDE 1  /* widths of the hull that the minimiser must leave it by: nearer, prices help little */
+#define PASSES 12  /* of the active-set method, which may cycle: whatever it ends with is valid */
+#define ZERO_PIVOT ((fsw_real)1e-12) /* share of the largest pivot: below, an input has no effect of its own */
 
 /* y = F' p */
 INLINE void transposed(const fsw_real *F, const fsw_real *p, fsw_real *y, natural n)

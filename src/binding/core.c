@@ -333,8 +333,13 @@ static PyObject *predictive_new(PyTypeObject *type, PyObject *args, PyObject *ke
 
     const fsw_validity validity = fsw_init(d, &core->state);
     if (validity != FSW_VALID) {
-        PyErr_SetString(PyExc_ValueError, validity == FSW_TOO_LARGE ? "the design is larger than the core's limits"
-                                                                    : "the design contradicts itself");
+        PyErr_SetString(
+            PyExc_ValueError,
+            validity == FSW_TOO_LARGE
+                ? "the design is larger than the core's limits; give it a longer period, fewer states, commands "
+                  "or moves"
+                : "the design's sizes or indices contradict each other, or a number is out of its range; give it "
+                  "as the controller computed it, in units of which the plant moves fewer if it overflows");
         return Py_DECREF(self), NULL;
     }
     const size_t width = fsw_reference_size(d);

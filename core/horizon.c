@@ -42,8 +42,8 @@
 #define HUGE_COST ((fsw_real)FSW_HUGE) /* of no incumbent: any cost is below it, or as good as infinite */
 #define FLOOR ((fsw_real)1e-25)        /* keeps a decaying state out of the denormal numbers, which are slow */
 #define REPLAYED 3 /* moves from which on an earlier plan is tried: of fewer, the first descent is as good */
-#define OUTSIDE 1  /* widths of the hull that the minimiser must leave it by: nearer, prices help little */
-#define PASSES 12  /* of the active-set method, which may cycle: whatever it ends with is valid */
+#define MARGIN(low, high) ((high) - (low)) /* that the minimiser must leave the hull by: nearer, prices help little */
+#define PASSES 12                    /* of the active-set method, which may cycle: whatever it ends with is valid */
 #define ZERO_PIVOT ((fsw_real)1e-12) /* share of the largest pivot: below, an input has no effect of its own */
 
 /* y = F' p */
@@ -164,7 +164,7 @@ void fsw_horizon_prepare(const fsw_horizon *h, fsw_horizon_scratch *s, const fsw
 
 /* ---- Prices: multipliers of the real-valued minimisation over the levels' hull ---- */
 
-/* Whether the unbounded minimiser leaves the hull by more than OUTSIDE: else prices help little. */
+/* Whether the unbounded minimiser leaves the hull by more than MARGIN. O(moves (states + inputs)^2). */
 static int leaves_hull(const fsw_horizon *h, const fsw_horizon_scratch *s, natural present)
 {
     const natural n = STATES(h), m = INPUTS(h);
@@ -178,7 +178,7 @@ static int leaves_hull(const fsw_horizon *h, const fsw_horizon_scratch *s, natur
         for (natural j = 0; j < m; j++) {
             u[j] = 0;
             for (natural a = 0; a < m; a++) u[j] += h->pull[(k * m + a) * m + j] * w[a];
-            const fsw_real margin = OUTSIDE * (h->hull[2 * j + 1] - h->hull[2 * j]);
+            const fsw_real margin = MARGIN(h->hull[2 * j], h->hull[2 * j + 1]);
             if (u[j] < h->hull[2 * j] - margin || u[j] > h->hull[2 * j + 1] + margin) return 1;
         }
         for (natural i = 0; i < n; i++) y[i] = product(product(0, h->F + i * n, x, n), h->G + i * m, u, m);

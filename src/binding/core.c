@@ -336,10 +336,10 @@ static PyObject *predictive_new(PyTypeObject *type, PyObject *args, PyObject *ke
         PyErr_SetString(
             PyExc_ValueError,
             validity == FSW_TOO_LARGE
-                ? "the design is larger than the core's limits; give it a longer period, fewer states, commands "
-                  "or moves"
-                : "the design's sizes or indices contradict each other, or a number is out of its range; give it "
-                  "as the controller computed it, in units of which the plant moves fewer if it overflows");
+                ? "the design is larger than the core's limits; give it a longer period, fewer states, "
+                  "commands or moves"
+                : "the design contradicts itself, or has a number out of its range in this arithmetic, as levels "
+                  "that coincide or overflow; give real = 'float64', or units in which they do not");
         return Py_DECREF(self), NULL;
     }
     const size_t width = fsw_reference_size(d);

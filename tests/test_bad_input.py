@@ -216,6 +216,10 @@ MISTAKES = {
     "no objective": (lambda: build(objective=0.02), r"objective is 0\.02"),
     "levels descending": (lambda: build(levels=[1, 0]), r"levels of input 1 are \[1\.0, 0\.0\]"),
     "levels twice": (lambda: build(levels=[0, 0, 1]), r"levels of input 1 are \[0\.0, 0\.0, 1\.0\]"),
+    "levels that are one in single": (
+        lambda: build(levels=[1, 1 + 1e-9], real="float32"),
+        r"the design contradicts itself, or .* levels that coincide .*; give real = 'float64'",
+    ),
     "one level": (lambda: build(levels=[1]), r"levels of input 1 have shape \(1,\)"),
     "no level": (lambda: build(levels=[]), r"levels of input 1 have shape \(0,\)"),
     "256 levels": (lambda: build(levels=np.arange(256)), r"levels of input 1 have shape \(256,\)"),

@@ -158,8 +158,13 @@ static PyObject *predictive_new(PyTypeObject *type, PyObject *args, PyObject *ke
 
     const fsw_validity validity = fsw_init(d, &core->state);
     if (validity != FSW_VALID) {
-        PyErr_SetString(PyExc_ValueError, validity == FSW_TOO_LARGE ? "the design is larger than the core's limits"
-                                                                    : "the design contradicts itself");
+        PyErr_SetString(
+            PyExc_ValueError,
+            validity == FSW_TOO_LARGE
+                ? "the design is larger than the core's limits; give it a longer period, fewer states, "
+                  "commands or moves"
+                : "the design contradicts itself, or has a number out of its range in this arithmetic, as levels "
+                  "that coincide or overflow; give real = 'float64', or units in which they do not");
         return Py_DECREF(self), NULL;
     }
     const size_t width = fsw_reference_size(d);

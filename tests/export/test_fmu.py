@@ -461,7 +461,7 @@ def test_the_file_is_the_same_each_time(exported, tmp_path):
     with zipfile.ZipFile(tmp_path / "again.fmu") as archive:
         assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
         assert archive.namelist()[0] == "modelDescription.xml"
-        for file in ("foreswitch.c", "foreswitch.h", "horizon.c", "horizon.h", "fmi2.h"):
+        for file in ("foreswitch.c", "foreswitch.h", "arithmetic.h", "horizon.c", "horizon.h", "fmi2.h"):
             assert archive.read(f"sources/{file}") == (CORE / file).read_bytes()
         assert archive.read("sources/fmi.c") == (CORE / "fmi" / "fmi.c").read_bytes()
         binary = next(name for name in archive.namelist() if name.startswith("binaries/"))

@@ -22,7 +22,7 @@ from foreswitch.export.vectors import Golden, golden_steps
 
 __all__ = ["export_c", "firmware_figures"]
 
-CORE = ["foreswitch.h", "foreswitch.c"]
+CORE = ["foreswitch.h", "arithmetic.h", "foreswitch.c"]
 HORIZON = ["horizon.h", "horizon.c"]
 TEMPLATES = ["foreswitch_design.h", "example.c", "selftest.c", "Makefile", "CMakeLists.txt", "library.properties",
              "library.json", "README.md"]  # fmt: skip
@@ -64,7 +64,7 @@ def export_c(controller: Controller, folder: str | Path, *, name: str = "control
     >>> folder = Path(tempfile.mkdtemp()) / "firmware"
     >>> export_c(law, folder)
     >>> sorted(path.name for path in folder.iterdir() if path.suffix in (".c", ".h"))
-    ['example.c', 'foreswitch.c', 'foreswitch.h', 'foreswitch_design.h', 'selftest.c']
+    ['arithmetic.h', 'example.c', 'foreswitch.c', 'foreswitch.h', 'foreswitch_design.h', 'selftest.c']
     """
     check_export(controller, name)
     design = exported(controller.design)

@@ -103,7 +103,9 @@ def sources(folder):
 @pytest.mark.parametrize("name", ["paper", "horizon"])
 def test_the_folder_holds_the_core_byte_for_byte_and_one_generated_header(exported, name):
     folder = exported(name)
-    core = {"foreswitch.h", "arithmetic.h", "foreswitch.c"} | ({"horizon.h", "horizon.c"} if name == "horizon" else set())
+    core = {"foreswitch.h", "arithmetic.h", "foreswitch.c"} | (
+        {"horizon.h", "horizon.c"} if name == "horizon" else set()
+    )
     found = {path.name for path in folder.iterdir() if path.suffix in (".c", ".h")}
     assert found == core | {"foreswitch_design.h", "example.c", "selftest.c"}
     for file in core:

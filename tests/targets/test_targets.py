@@ -215,7 +215,7 @@ def test_the_proof_fails_on_a_fault(fault, tmp_path):
 
 
 def test_every_deviation_from_misra_is_listed_and_justified(tmp_path):
-    """What cppcheck's addon finds in two exports, and the table of docs/reference/misra.md; nothing there that is no longer so."""
+    """What cppcheck finds in two exports, and the table of docs/reference/misra.md; nothing there that is no longer so."""
     require("MISRA rules", [tool for tool in ("cppcheck",) if not there(tool)])
     found = set()
     for name in ("paper", "horizon of two inputs"):

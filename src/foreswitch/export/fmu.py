@@ -25,7 +25,7 @@ import numpy as np
 from foreswitch._binding import REALS
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.files import write_whole
-from foreswitch._helpers.text import name_and_unit
+from foreswitch._helpers.units import name_and_unit
 from foreswitch.control.controller import Controller, Status
 from foreswitch.control.objective import Horizon
 from foreswitch.export.firmware import CORE, HORIZON, SHELL, check_export, filled, headline

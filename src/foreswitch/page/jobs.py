@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import foreswitch
+from foreswitch._helpers.json import json_text
 from foreswitch.page import answers, exports, presets, records
 from foreswitch.page.complaint import Complaint, field_of, short
-from foreswitch.page.wire import clean, pack
+from foreswitch.page.wire import pack
 
 __all__ = ["done", "sentence"]
 
@@ -57,11 +58,11 @@ def _done(head: dict[str, Any], body: bytes) -> tuple[dict[str, Any], bytes]:
         complaint = sentence(error, request)
         if kind in ANSWERS:
             return {"status": 422}, pack(mark | {"error": complaint})
-        return {"status": 422, "type": "application/json"}, json.dumps({"error": complaint}).encode()
+        return {"status": 422, "type": "application/json"}, json_text({"error": complaint}).encode()
 
 
 def _json(value: Any) -> tuple[dict[str, Any], bytes]:
-    return {"status": 200, "type": "application/json"}, json.dumps(clean(value), allow_nan=False).encode()
+    return {"status": 200, "type": "application/json"}, json_text(value).encode()
 
 
 def sentence(error: Exception, request: Any = None) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.csv import read_columns, split
-from foreswitch._helpers.text import name_and_unit
+from foreswitch._helpers.units import name_and_unit
 from foreswitch.identification import plots
 from foreswitch.identification.fit import Fit
 from foreswitch.identification.record import Record

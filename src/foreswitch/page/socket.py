@@ -11,6 +11,7 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from foreswitch._helpers.json import json_text
 from foreswitch.page.limits import LONGEST_JOB
 from foreswitch.page.wire import pack
 from foreswitch.page.workers import Busy, Job, Overrun, Pool
@@ -52,7 +53,7 @@ async def run_job(pool: Pool, choose: Callable[[], tuple[dict[str, Any], bytes]]
     complaint = {"message": sentence.format(limit=LONGEST_JOB[head["kind"]], remedy=remedy), "field": None}
     if head["kind"] in KINDS:
         return {"status": 422}, pack({"id": head["id"], "kind": head["kind"], "error": complaint})
-    return {"status": 422, "type": "application/json"}, json.dumps({"error": complaint}).encode()
+    return {"status": 422, "type": "application/json"}, json_text({"error": complaint}).encode()
 
 
 class Talk:

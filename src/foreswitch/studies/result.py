@@ -383,7 +383,7 @@ class Study:
 
 
 def _meaning(key: str) -> str:
-    return KEYS[plain_key(full(key))]
+    return KEYS[plain_key(full(key))].sentence
 
 
 def _scale(key: str, values: Sequence[Any]) -> Scale:

@@ -364,10 +364,10 @@ def test_what_is_not_proven_has_reasons_and_no_band():
 
 @pytest.mark.parametrize("which", ["relay", "pi_pwm", "smith_pwm"])
 def test_a_baseline_is_the_one_that_the_library_tunes(which):
-    from foreswitch.page.answers import BASELINES
+    from foreswitch.simulation.baselines import BASELINES
 
     fields, arrays = ask("baseline", HOT, which=which, budget=40)
-    tuned = Project(HOT).with_seed(0).tune(BASELINES[which], budget=40)
+    tuned = Project(HOT).with_seed(0).tune(BASELINES[which].law, budget=40)
     assert fields["parameters"] == tuned.parameters
     np.testing.assert_array_equal(arrays["u"], tuned.run.u.T)
 

@@ -14,7 +14,7 @@ from foreswitch.certificate.ideal_response import ideal_run
 from foreswitch.page.complaint import Complaint
 from foreswitch.page.setups import Setup, setup
 from foreswitch.project.tables import SimulationTable
-from foreswitch.simulation import baselines
+from foreswitch.simulation.baselines import BASELINES
 from foreswitch.simulation.loop import Loop
 from foreswitch.simulation.replay import moment
 from foreswitch.simulation.run import Run
@@ -22,12 +22,6 @@ from foreswitch.simulation.run import Run
 __all__ = ["baseline", "certify", "costs", "look"]
 
 Answer = tuple[dict[str, Any], dict[str, Array]]
-
-BASELINES: dict[str, type[baselines.Baseline]] = {
-    "relay": baselines.Relay,
-    "pi_pwm": baselines.PIPWM,
-    "smith_pwm": baselines.SmithPWM,
-}
 
 
 def look(request: dict[str, Any]) -> Answer:
@@ -146,7 +140,7 @@ def baseline(request: dict[str, Any]) -> Answer:
     if isinstance(budget, bool) or not isinstance(budget, int) or not 20 <= budget <= 2000:
         raise Complaint(f"budget is {budget!r}; give 20 to 2000 runs", "budget")
     made = setup(request)
-    tuned = made.project.tune(BASELINES[which], budget=budget)
+    tuned = made.project.tune(BASELINES[which].law, budget=budget)
     fields, arrays = picture(tuned.run)
     fields |= {
         "which": which,

@@ -27,7 +27,7 @@ from foreswitch.simulation.bodies import core_plant
 from foreswitch.simulation.loop import simulate
 from foreswitch.simulation.run import Run
 
-__all__ = ["PIPWM", "Baseline", "Relay", "SmithPWM", "Tuned", "tune"]
+__all__ = ["BASELINES", "PIPWM", "Baseline", "Known", "Relay", "SmithPWM", "Tuned", "tune"]
 
 
 class Baseline(ABC):
@@ -258,6 +258,24 @@ class SmithPWM(PIPWM):
             pole = fastest if fastest.imag else fastest.real
             raise ValueError(f"plant has the unstable pole {pole:.3g}; a Smith predictor needs none")
         super().__init__(plant, levels, Ts, **options)
+
+
+@dataclass(frozen=True)
+class Known:
+    """A kind of baseline: its class, what tables and reports call it, and the parameter that trades error for switching."""
+
+    law: type[Baseline]
+    label: str
+    title: str
+    knob: str
+
+
+#: Every kind, under the name that a program asks for.
+BASELINES = {
+    "relay": Known(Relay, "relay", "relay with hysteresis", "hysteresis"),
+    "pi_pwm": Known(PIPWM, "PI + PWM", "PI + PWM", "carrier"),
+    "smith_pwm": Known(SmithPWM, "Smith + PWM", "Smith predictor + PWM", "carrier"),
+}
 
 
 @dataclass(frozen=True)

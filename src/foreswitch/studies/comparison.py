@@ -40,11 +40,7 @@ COLOURS = {
     "relay": "#009E73", "PI + PWM": "#CC79A7", "Smith + PWM": "#777777",
 }  # fmt: skip
 
-KINDS: dict[str, tuple[type[baselines.Baseline], str]] = {
-    "relay": (baselines.Relay, "hysteresis"),
-    "PI + PWM": (baselines.PIPWM, "carrier"),
-    "Smith + PWM": (baselines.SmithPWM, "carrier"),
-}
+KINDS = {known.label: (known.law, known.knob) for known in baselines.BASELINES.values()}
 
 
 @dataclass(frozen=True)

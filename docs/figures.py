@@ -382,8 +382,8 @@ def study(folder: Path) -> Values:
     save(grid.plot(), folder / "study_map.svg")
     bands = fsw.study(valve, fixed | {"gain_error": fsw.Normal(0.0, 0.05)}, repeats=100, seed=1)
     save(bands.plot(), folder / "study_band.svg")
-    middle = grid.summary()["rms_error_q50"].reshape(17, 9)
-    upper = bands.summary()["rms_error_q95"]
+    middle = grid.quantiles()["rms_error_q50"].reshape(17, 9)
+    upper = bands.quantiles()["rms_error_q95"]
     return {
         "study_true": f"{middle[8, 4]:.1f}", "study_late": f"{middle[12, 4]:.1f}", "study_early": f"{middle[4, 4]:.1f}",
         "study_band_late": f"{upper[12]:.1f}", "study_band_early": f"{upper[4]:.1f}",

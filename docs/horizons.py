@@ -91,7 +91,7 @@ def family() -> tuple[list[list[str]], Values]:
 
     def add(key: str, name: str, here: str, run: Run, law: fsw.Controller | None, sequences: str) -> None:
         m = run.metrics()
-        found = search_figures(run, law) if law else None
+        found = search_figures(run) if law else None
         values[f"family_{key}"] = number(m["rms_error"])
         values[f"family_{key}_switches"] = str(m["switches"])
         nodes = [f"{found[name]:.0f}" for name in ("nodes_median", "nodes_max")] if found else ["", ""]
@@ -142,7 +142,7 @@ def family() -> tuple[list[list[str]], Values]:
         values |= {f"blind_{key}": number(m["rms_error"]), f"blind_{key}_lag": number(1e3 * m["lag"])}
     hurried = exact(20, move_weight=MUCH, node_budget=100)
     values["budget_rms"] = number(hurried[0].metrics()["rms_error"])
-    values["budget_proven"] = f"{search_figures(*hurried)['optimal_percent']:.0f}"
+    values["budget_proven"] = f"{search_figures(hurried[0])['optimal_percent']:.0f}"
     values["least_rms"] = number(exact(20, move_weight=MUCH, node_budget=1)[0].metrics()["rms_error"])
     values["periods"] = str(PERIODS)
     attitude = Project.read(Path(__file__).resolve().parent.parent / "examples/attitude/project.toml").with_seed(0)

@@ -196,7 +196,7 @@ def test_simulate_follows_the_users_own_reference(run, project, tmp_path):
     (tmp_path / "ref.csv").write_text("t,p\n0,0\n0.3,200\n")
     code, out, _ = run("simulate", project, "--reference", "ref.csv", "--out", "out", "--json")
     assert code == 0
-    assert set(json.loads(out)) == HOT_GAS_KEYS
+    assert set(json.loads(out)) >= HOT_GAS_KEYS
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
         "metrics.json", "report.html", "run.csv", "run.png", "run.svg"
     }  # fmt: skip

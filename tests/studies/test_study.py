@@ -27,7 +27,8 @@ from foreswitch.studies.plan import KEYS, planned
 from foreswitch.studies.workers import WorkersLost, run_rows
 from systems import TWO_BY_TWO
 
-STUDY = importlib.import_module("foreswitch.studies.result")  # the package's name is the function's
+STUDY = importlib.import_module("foreswitch.studies.result")
+SWEEP = importlib.import_module("foreswitch.studies.sweep")
 CONTENT = {
     "plant": {"model": "integrator_lag", "k": 16500.0, "c": 0.006, "input_delay": 0.005},
     "actuator": {"levels": [0, 1], "Ts": 0.001},
@@ -54,7 +55,7 @@ def same(one, other):
 @pytest.fixture
 def chunks(monkeypatch):
     """Chunks of so many rows."""
-    return lambda rows: monkeypatch.setattr(STUDY, "chunk_rows", lambda plan, workers: rows)
+    return lambda rows: monkeypatch.setattr(SWEEP, "chunk_rows", lambda plan, workers: rows)
 
 
 # Each row is the single run -------------------------------------------------------------------------------------------
@@ -305,7 +306,7 @@ def test_values_and_distributions_as_text(text, meaning):
     ],
 )
 def test_what_does_not_fit_is_refused_before_anything_runs(over, message, tmp_path, monkeypatch):
-    monkeypatch.setattr(STUDY, "run_pieces", lambda *_: pytest.fail("it ran"))
+    monkeypatch.setattr(SWEEP, "run_pieces", lambda *_: pytest.fail("it ran"))
     base = project()
     if "reference.file" in over:
         base = Project(CONTENT | {"reference": {"kind": "constant", "value": 1.0}})
@@ -370,14 +371,14 @@ def test_tables_are_written_in_blocks(table, tmp_path, monkeypatch):
 
 
 def test_the_summary_is_that_of_pandas(table):
-    summary = pd.DataFrame(table.summary((0.05, 0.5, 0.975)))
+    summary = pd.DataFrame(table.quantiles((0.05, 0.5, 0.975)))
     grouped = table.to_frame().groupby(["controller.Td", "gain_error"])
     for metric in table.metrics:
         for name, share in (("q05", 0.05), ("q50", 0.5), ("q97.5", 0.975)):
             np.testing.assert_allclose(summary[f"{metric}_{name}"], grouped[metric].quantile(share), rtol=1e-12)
     assert len(summary) == 6
     with pytest.raises(ValueError, match="quantiles is"):
-        table.summary([2.0])
+        table.quantiles([2.0])
 
 
 def drawn_lines(figure):
@@ -386,7 +387,7 @@ def drawn_lines(figure):
 
 
 def test_pictures_show_what_was_computed(table):
-    summary = table.summary()
+    summary = table.quantiles()
     heat = table.plot("switches")
     [mesh] = heat.axes[0].collections
     assert np.array_equal(np.asarray(mesh.get_array()), summary["switches_q50"].reshape(3, 2))
@@ -533,7 +534,7 @@ import importlib, json, sys, time
 import foreswitch as fsw
 from foreswitch import cli
 from foreswitch.project import Project
-module = importlib.import_module("foreswitch.studies.result")
+module = importlib.import_module("foreswitch.studies.sweep")
 module.chunk_rows = lambda plan, workers: 7
 content, over, out = json.loads(sys.argv[1])
 fsw.study(Project(content), over, repeats=30, seed=5, out=out, progress=lambda share, what: time.sleep(0.1))
@@ -711,9 +712,9 @@ def test_the_verb_writes_tables_and_a_report(call, tmp_path):
     assert summary == json.loads((tmp_path / "study/metrics.json").read_text())
     over = {"controller.Td": [0.01, 0.02], "gain_error": fsw.Normal(0.0, 0.1)}
     table = fsw.study("project.toml", over, repeats=3, seed=4)
-    assert [point["rms_error_q50"] for point in summary["points"]] == table.summary()["rms_error_q50"].tolist()
+    assert [point["rms_error_q50"] for point in summary["points"]] == table.quantiles()["rms_error_q50"].tolist()
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "study/runs.parquet"), table.to_frame())
-    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "study/summary.csv"), pd.DataFrame(table.summary()))
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "study/summary.csv"), pd.DataFrame(table.quantiles()))
     pictures = {"rms_error", "max_error", "switches", "on_time", "drawn"}
     assert {path.stem for path in (tmp_path / "study").glob("*.png")} == pictures
     report = (tmp_path / "study/report.html").read_text()

@@ -9,6 +9,7 @@ import numpy as np
 
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.text import nearest
+from foreswitch._helpers.units import without_units
 from foreswitch.certificate.certificate import Certificate
 from foreswitch.certificate.ideal_response import ideal_run
 from foreswitch.page.complaint import Complaint
@@ -17,7 +18,7 @@ from foreswitch.project.tables import SimulationTable
 from foreswitch.simulation.baselines import BASELINES
 from foreswitch.simulation.loop import Loop
 from foreswitch.simulation.replay import moment
-from foreswitch.simulation.run import Run
+from foreswitch.simulation.run import FIGURES, Run
 
 __all__ = ["baseline", "certify", "costs", "look"]
 
@@ -39,13 +40,9 @@ def look(request: dict[str, Any]) -> Answer:
 
 def picture(run: Run) -> Answer:
     """What a run draws."""
-    plant: Any = run.plant
-    fields = {
-        "outputs": list(plant.output_names),
-        "inputs": list(plant.input_names),
-        "Ts": run.Ts,
-        "metrics": run.metrics(),
-    }
+    summary = without_units(run.summary())
+    fields = {name: summary[name] for name in ("outputs", "inputs", "Ts")}
+    fields["metrics"] = {name: summary[name] for name in FIGURES}
     return fields, {"t": run.t, "y": run.y.T, "r": run.r.T, "u": run.u.T}
 
 
@@ -93,25 +90,8 @@ def certify(request: dict[str, Any]) -> Answer:
     made = setup(request)
     project = made.model
     proof = project.certify(delay_error=abs(made.delay_error), gain_error=abs(made.gain_error))
-    fields: dict[str, Any] = {
-        "holds": proof.holds,
-        "reasons": proof.reasons,
-        "error_bound": proof.error_bound,
-        "resolution": proof.resolution,
-        "lag": proof.lag,
-        "dc_gain": proof.dc_gain,
-        "poles": [[pole.real, pole.imag] for pole in proof.poles.tolist()],
-        "input_range": proof.input_range,
-        "ideal_input": proof.ideal_input,
-        "outputs": list(project.plant.output_names),
-        "covers": _beside(project.file.simulation),
-        "warnings": made.warnings,
-    }
-    if request.get("margins") is True:
-        fields |= {
-            "margins": proof.margins, "Td_intervals": proof.Td_intervals, "lam_intervals": proof.lam_intervals,
-            "rest": proof.rest,
-        }  # fmt: skip
+    fields = without_units(proof.summary(margins=request.get("margins") is True))
+    fields |= {"covers": _beside(project.file.simulation), "warnings": made.warnings}
     return fields, _band(proof)
 
 

@@ -15,7 +15,6 @@ from foreswitch.export.fmu import export_fmu
 from foreswitch.page.complaint import Complaint
 from foreswitch.page.setups import SEED, Setup, setup
 from foreswitch.project.tables import TABLES
-from foreswitch.simulation.report import run_report
 
 __all__ = ["FILES", "export", "toml"]
 
@@ -64,7 +63,7 @@ def _seeded(tables: dict[str, Any]) -> dict[str, Any]:
 
 
 def _report(made: Setup, name: str, folder: Path) -> bytes:
-    run_report(name, made.project.simulate(), made.project.controller).write(folder)
+    made.project.simulate().report(name).write(folder)
     return (folder / "report.html").read_bytes()
 
 

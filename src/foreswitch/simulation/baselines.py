@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from foreswitch._binding import CORES
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.text import tree
 from foreswitch.control.actuator import dwell_periods, input_levels, level_indices, safe_indices
 from foreswitch.control.controller import canonical_reference
 from foreswitch.model.nonlinear import SteppedPlant
@@ -149,6 +150,10 @@ class Baseline(ABC):
         twin = copy.copy(self)
         twin._core = CORES[self.real].Baseline(*self._parts)
         return twin
+
+    def __repr__(self) -> str:
+        own = {name: value for name, value in vars(self).items() if isinstance(value, float) and name[0] != "_"}
+        return tree(type(self).__name__, [f"{name:<11}{value:.6g}" for name, value in own.items()])
 
     def _history(self) -> Array:
         return np.array([[values[i] for values, i in zip(self.levels, self._safe, strict=True)]])

@@ -267,8 +267,11 @@ class Loop:
                 go(law._core, body, self.sensor, seed, steps, history, arrays, k, k + 1)
         else:
             go(law._core, body, self.sensor, seed, steps, history, arrays, 0, steps)
-        hats = (None, None) if hat is None else (hat[:, :model], hat[:, model:])
-        return Run(self.t, x, y, u[history:], self.wanted, w, cost, nodes, status, self.truth, self.safe, *hats)
+        estimates: tuple[Array | None, Array | None] = (None, None) if hat is None else (hat[:, :model], hat[:, model:])
+        return Run(
+            self.t, x, y, u[history:], self.wanted, w, cost, nodes, status, self.truth, self.safe, *estimates,
+            self.controller.copy(),
+        )  # fmt: skip
 
 
 def checked_seed(seed: int | None) -> int:

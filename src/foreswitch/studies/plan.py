@@ -22,7 +22,7 @@ from foreswitch.project.tables import File, Table, unit_of
 from foreswitch.simulation.loop import Loop, checked_seed
 from foreswitch.studies.distributions import SHARED, Distribution, OneOf, Words, column, mixed, parsed, shares
 
-__all__ = ["Plan", "Setup", "full", "label", "plain_key", "planned", "unit"]
+__all__ = ["Plan", "Setup", "full", "key_unit", "label", "plain_key", "planned", "unit"]
 
 
 class Meaning(NamedTuple):
@@ -70,9 +70,15 @@ def full(key: str) -> str:
 
 
 def unit(key: str) -> str:
-    """A key's unit in brackets, with a blank before it; empty where it has none or depends on the plant's."""
+    """`key_unit` in brackets, with a blank before it."""
+    found = key_unit(key)
+    return f" [{found}]" if found else ""
+
+
+def key_unit(key: str) -> str:
+    """A key's unit; empty where it has none or depends on the plant's."""
     known = KEYS.get(plain_key(full(key)))
-    return f" [{known.unit}]" if known and known.unit in INDEPENDENT else ""
+    return known.unit if known and known.unit in INDEPENDENT else ""
 
 
 def plain_key(key: str) -> str:
@@ -201,6 +207,13 @@ class Plan:
         """A drawn parameter's values in runs."""
         draw = self.draws[key]
         return draw._at(shares(self.seed, full(key), point, SHARED if draw.per == "point" else repeat))
+
+    def column(self, key: str, point: ArrayLike, repeat: ArrayLike = 0) -> np.ndarray[Any, Any]:
+        """A parameter's values in runs, for a table: numbers as they are, lists and mixtures as text."""
+        found = self.axis(key, point) if key in self.axes else self.drawn(key, point, repeat)
+        values = np.asarray(found)
+        values = np.broadcast_to(values, (np.size(point), *values.shape[1:]))
+        return np.array([label(value) for value in values]) if values.dtype.kind in "OU" or values.ndim > 1 else values
 
     def varying(self) -> set[str]:
         """Keys that differ between the runs of a point."""

@@ -107,8 +107,8 @@ class Run:
             from the safe level. Floats for one output or input, else arrays.
         """
         rms, largest, switches, on = figures(self.y, self.r, self.u, self.safe_level)
-        lags, rms_at_lag = zip(*(_lag(self.t, y, r) for y, r in zip(self.y.T, self.r.T, strict=True)), strict=True)
-
+        with np.errstate(over="ignore", invalid="ignore"):  # a loop that runs away has no figures
+            lags, rms_at_lag = zip(*(_lag(self.t, y, r) for y, r in zip(self.y.T, self.r.T, strict=True)), strict=True)
         return {
             "rms_error": plain(rms),
             "max_error": plain(largest),

@@ -1,4 +1,4 @@
-"""TOML: tables as the text of a file, and a file's text with other values, in which its author's comments stay."""
+"""TOML: tables as the text of a file, with comments above and behind."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import tomlkit
 from tomlkit.items import AoT, Array, Item, Table, Trivia, Whitespace
 
-__all__ = ["toml_edited", "toml_text"]
+__all__ = ["toml_text"]
 
 #: Column of the comments behind values, and the length of a line beyond which one would not be seen.
 COLUMN, MARGIN = 40, 60
@@ -28,42 +28,6 @@ def toml_text(
     for name, content in tables.items():
         document.add(name, _tables(name, content, meaning))
     return document.as_string()
-
-
-def toml_edited(text: str, tables: Mapping[str, Any]) -> str:
-    """The text of a file with these tables in it; what stays keeps its place, its spelling and its comments.
-
-    Raises
-    ------
-    ValueError
-        If the text is not TOML.
-    """
-    document = tomlkit.parse(text)
-    _edit(document, tables)
-    return document.as_string()
-
-
-def _edit(node: Any, wanted: Mapping[str, Any]) -> None:
-    given = {key: value for key, value in wanted.items() if value is not None}
-    for key in [key for key in node if key not in given]:
-        node.remove(key)
-    for key, value in given.items():
-        if key not in node:
-            node.add(key, _tables(key, value) if _is_table(value) else _item(value))
-        elif isinstance(node[key], Mapping) and isinstance(value, Mapping):
-            _edit(node[key], value)
-        elif _is_table(value) and isinstance(node[key], AoT) and len(node[key]) == len(value):
-            for part, content in zip(node[key], value, strict=True):
-                _edit(part, content)
-        elif not _same(node[key], value):
-            node[key] = _tables(key, value) if _is_table(value) else _item(value)
-
-
-def _same(one: Any, other: Any) -> bool:
-    """Whether two values are, 1 and 1.0 alike but 1 and true not."""
-    if isinstance(one, list) and isinstance(other, list):
-        return len(one) == len(other) and all(map(_same, one, other))
-    return bool(one == other) and isinstance(one, bool) == isinstance(other, bool)
 
 
 def _is_table(value: Any) -> bool:

@@ -757,7 +757,7 @@ def test_lost_workers_are_one_line_and_exit_code_1(call, monkeypatch):
     def lose(*_, **__):
         raise WorkersLost("worker processes died")
 
-    monkeypatch.setattr(app, "run_study", lose)
+    monkeypatch.setattr(SWEEP, "study", lose)
     assert call() == (1, "", "foreswitch: worker processes died\n")
 
 

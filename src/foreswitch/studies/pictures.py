@@ -45,8 +45,9 @@ def study_figure(
     study: Study, metric: str, at: Mapping[str, Any], quantiles: tuple[float, float] = (QUANTILES[0], QUANTILES[-1])
 ) -> Figure:
     """A heat map of medians over two free axes, panels for a third; median and band over one; a histogram without any."""
-    plan, name = study.plan, metric_label(study, metric)
+    plan = study.plan
     free, (central, low, high) = _held(study, at, study.quantile(metric, (0.5, *quantiles)))
+    name = metric_label(study, metric)
     if len(free) > 3:
         raise ValueError(f"{len(free)} axes are free ({', '.join(free)}); hold all but three of them with at")
     if not free:

@@ -3,6 +3,8 @@
 
 PYTHON ?= python3
 BIN := .venv/bin
+# Its caches stay in the checkout, and it asks nothing of the network.
+DENO := DENO_DIR=build/deno DENO_NO_UPDATE_CHECK=1 $(BIN)/deno
 # The matrices here are tiny; threads would only wait for each other.
 export OPENBLAS_NUM_THREADS ?= 1
 
@@ -26,12 +28,18 @@ lint: .venv/ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
 	$(BIN)/clang-format --dry-run -Werror core/*.[ch] core/*/*.[ch] src/binding/*.[ch]
+	$(DENO) lint
+	$(DENO) fmt --check
+	$(DENO) check -q src/foreswitch/page/static/*.js
 
 format: .venv/ready
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	$(BIN)/clang-format -i core/*.[ch] core/*/*.[ch] src/binding/*.[ch]
+	$(DENO) lint --fix
+	$(DENO) fmt
 
 # Python changes are live; a change of C or of the metadata reinstalls.
 .venv/ready: pyproject.toml constraints.txt CMakeLists.txt $(wildcard examples/*/*.toml examples/*/*.csv) LICENSE $(wildcard core/*.[ch] core/*/*.[ch] src/binding/*.[ch])

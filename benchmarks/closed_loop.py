@@ -14,8 +14,8 @@ from table import Row, compare
 
 def constants(law: Controller) -> dict[str, float]:
     """The design's numbers by their names in peer.c."""
-    rows, model = law._law.rows, law._model
-    values = {"F": rows.state[0, 1], "R": law._law.sliding.reference[0, 1], "H": rows.hold[0][0, 0]}
+    rows, model = law.law.rows, law.model
+    values = {"F": rows.state[0, 1], "R": law.law.sliding.reference[0, 1], "H": rows.hold[0][0, 0]}
     values |= {"A": model.transition[0, 1], "C": model.transition[1, 1], "B1": model.old[0, 0], "B2": model.old[0, 1]}
     return values | {f"W{age}": effect for age, effect in enumerate(rows.pending[0][:, 0], start=1)}
 

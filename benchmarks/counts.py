@@ -23,7 +23,7 @@ STEPS = 1000  # as in count.c
 def design_header(real: str) -> str:
     """The paper's design and plant as C."""
     law = controller(real)
-    sizes, model = design_sizes(law), law._model
+    sizes, model = design_sizes(law), law.model
     body = {
         "transition": model.transition, "input_old": model.old, "input_new": model.new, "input_load": model.load,
         "disturbance": model.disturbance, "drift": model.drift, "delay": np.array(model.delay, dtype=np.uint32),

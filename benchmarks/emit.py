@@ -1,12 +1,12 @@
 """A design as C source: for programs that are counted or timed without Python."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from foreswitch import Controller
-from foreswitch.export.header import ARRAYS, HORIZON_ARRAYS, HORIZON_SIZES, SIZES
+from foreswitch.control.design import Tables
 
 C_TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "d": "double", "f": "float"}
 
@@ -28,24 +28,26 @@ def structure(
     return "\n".join([*lines, f"static const {kind} {prefix}{name} = {{{', '.join(members)}}};\n"])
 
 
-def named(names: str, values: Sequence[Any]) -> dict[str, Any]:
-    return {key: value for key, value in zip(names.split(), values, strict=True) if value is not None}
+def design_sizes(law: Controller) -> dict[str, Any]:
+    return sizes(law.design)
 
 
-def design_sizes(law: Controller) -> dict[str, int]:
-    return named(SIZES, law._parts[0])
+def sizes(part: Tables) -> dict[str, Any]:
+    found = {each.name: getattr(part, each.name) for each in part.scalars()}
+    return {name: f"{value:.17g}" if isinstance(value, float) else value for name, value in found.items()}
+
+
+def arrays(part: Tables) -> dict[str, np.ndarray]:
+    found = {each.name: getattr(part, each.name) for each in part.tables()}
+    return {name: values for name, values in found.items() if values is not None}
 
 
 def design_source(law: Controller, prefix: str = "") -> str:
     """``static const fsw_design <prefix>design``; with one, its horizon."""
-    _, values, horizon = law._parts
-    sizes: dict[str, Any] = design_sizes(law)
-    text = ""
+    design, horizon = law.design, law.design.horizon
+    text, pointer = "", {}
     if horizon is not None:
-        scalars, far, tables = horizon
-        shared = {key: sizes[key] for key in ("inputs", "outputs", "candidates", "disturbances")}
-        own = named(HORIZON_SIZES, scalars) | shared | {"far": f"{far:.17g}"}
-        text = structure("fsw_horizon", "horizon", own, named(HORIZON_ARRAYS, tables), prefix=f"{prefix}h_")
-        sizes |= {"horizon": f"&{prefix}h_horizon"}
-    arrays = {key: np.atleast_1d(array) for key, array in named(ARRAYS, values).items()}
-    return text + structure("fsw_design", "design", sizes, arrays, absent="exact_levels", prefix=prefix)
+        text = structure("fsw_horizon", "horizon", sizes(horizon), arrays(horizon), prefix=f"{prefix}h_")
+        pointer = {"horizon": f"&{prefix}h_horizon"}
+    own = sizes(design) | pointer
+    return text + structure("fsw_design", "design", own, arrays(design), absent="exact_levels", prefix=prefix)

@@ -20,7 +20,7 @@ class NumpyLaw:
     """The paper's law in as few calls as seem possible: all that is known in one vector, one product, one argmin."""
 
     def __init__(self, law: Controller) -> None:
-        rows, sliding = law._law.rows, law._law.sliding
+        rows, sliding = law.law.rows, law.law.sliding
         self.row = np.concatenate([rows.state[0], -sliding.reference[0], rows.pending[0][:, 0]])
         self.known = np.zeros(9)
         self.x, self.reference = self.known[:2], self.known[2:4]
@@ -59,7 +59,7 @@ def decisions(x: list[np.ndarray], reference: list[np.ndarray], u: np.ndarray) -
 
 def simulations(reference: list[np.ndarray], u: np.ndarray) -> Iterator[Row]:
     law = controller()
-    model = law._model
+    model = law.model
     A, B, C, D = model.transition, model.old.T, law.plant.C, np.zeros((1, 1))
     system = control.ss(A, B, C, D, TS)
 

@@ -2,9 +2,9 @@
 
     python benchmarks/real_records.py FOLDER [--write]
 
-FOLDER holds the records, which are not part of this repository; docs/identification.md says where they are from. Each
+FOLDER holds the records, which are not part of this repository; docs/guide/identification.md says where they are from. Each
 model is fitted to the first part of a record and then simulated over all of it, from the record's first sample and its
-commands alone; no measurement after the cut is used. ``--write`` keeps the figures in docs/real_records.json.
+commands alone; no measurement after the cut is used. ``--write`` keeps the figures in real_records.json beside it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from scipy.optimize import least_squares
 
 from foreswitch import Record, identify
 
-TARGET = Path(__file__).parent.parent / "docs" / "real_records.json"
+TARGET = Path(__file__).parent / "real_records.json"
 #: The cut between fitted and predicted stretch is the change of an input nearest to this share of the record.
 SHARE = 0.7
 #: Longest dead time that every method may try, in shares of the fitted stretch.

@@ -44,7 +44,7 @@ class Numpy:
 
     def __init__(self) -> None:
         law = controller()
-        rows, sliding, model = law._law.rows, law._law.sliding, law._model
+        rows, sliding, model = law.law.rows, law.law.sliding, law.model
         self.state, self.hold, self.pending = rows.state[0], rows.hold[0][0, 0], rows.pending[0][:, 0]
         self.A, self.old = model.transition, model.old[0]
         self.new = np.asarray(model.new)[0]

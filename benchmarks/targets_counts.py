@@ -30,7 +30,7 @@ from foreswitch.project import Project
 from peers import linear, quadratic
 from problems import GAS_TS, Core, Model, hot_gas, pressure, transients
 from table import Row
-from targets.drive import Script, core_sources, exported, law_sizes, program
+from targets.drive import Script, core_sources, exported, program
 from targets.harness import TARGETS, Image, Target
 from targets.stack import deepest
 from targets_search import Search, counting
@@ -98,7 +98,7 @@ def gas_script(moves: int) -> Script:
     one, far = hot_gas(moves, [0.0, 1.0]), transients(moves, [0.0, 1.0], DISTANCES)
     model, rng = Model(one.law.plant, GAS_TS), np.random.default_rng(0)
     script = Script(one.law.replace(real="float32"))
-    off = np.zeros((script.sizes["rows"], 1))
+    off = np.zeros((script.design.rows, 1))
     for x, reference in zip(one.x, one.reference, strict=True):
         script.step(x, reference)
     for x, reference in zip(far.x, far.reference, strict=True):
@@ -231,10 +231,10 @@ def count(path: str) -> None:
     """One project's controller on every processor whose tools are here, its samples as large as in its own run."""
     project = Project.read(path)
     law = project.build_controller(real="float32")
-    run, sizes = project.simulate(law), law_sizes(law)
+    run, design = project.simulate(law), law.design
     reference = np.tile(np.abs(run.r).max(axis=0), (law.evaluations * law.order, 1)).T.ravel()
     measured = np.abs(run.x if law.estimator is None else run.y).max(axis=0)
-    spread = np.concatenate([measured, reference, np.ones(sizes["disturbances"] - sizes["loads"])])
+    spread = np.concatenate([measured, reference, np.ones(design.disturbances - design.loads)])
     for name in PROCESSORS:
         target = TARGETS[name]
         if lacking := target.missing():

@@ -38,8 +38,8 @@ class Search:
         self.rng = np.random.default_rng(seed)
         script = Script(law)
         self.sizes, m = script.sizes, law.plant.inputs
-        self.commands = law._actuator.candidates.reshape(-1, m)
-        self.known = self.sizes["states"] + self.sizes["disturbances"]
+        self.commands = law.actuator.candidates.reshape(-1, m)
+        self.known = self.design.states + self.design.disturbances
         self.reference = law.evaluations * law.plant.outputs * law.order
 
     def values(self, shape: tuple[int, ...], scale: np.ndarray | float) -> np.ndarray:
@@ -48,7 +48,7 @@ class Search:
         return scale * self.rng.normal(size=shape) * 2.0**exponents
 
     def fresh(self) -> History:
-        line = self.commands[self.rng.integers(len(self.commands), size=self.sizes["rows"])]
+        line = self.commands[self.rng.integers(len(self.commands), size=self.design.rows)]
         samples = self.values((self.steps, len(self.spread)), self.spread)
         return History(line, self.rng.integers(0, 3, line.shape[1]), self.values((self.known,), 1.0), samples)
 
@@ -78,10 +78,10 @@ class Search:
 
     def told(self, histories: list[History]) -> Script:
         """All of them one after the other."""
-        script, z = Script(self.law), self.sizes["measured"]
+        script, z = Script(self.law), self.design.measured
         for one in histories:
             script.restart(one.line, one.wait)
-            script.start(one.known[: self.sizes["states"]], one.known[self.sizes["states"] :])
+            script.start(one.known[: self.design.states], one.known[self.design.states :])
             for sample in one.samples:
                 if self.usable:
                     sample = np.nan_to_num(sample, nan=1.0, posinf=1e29, neginf=-1e29).clip(-1e29, 1e29)

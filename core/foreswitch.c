@@ -1,9 +1,7 @@
+/* foreswitch 0.1.0, SPDX-License-Identifier: BSD-3-Clause */
 /* In the order data meets it: checks, delay line, observation, options, prediction, choice, plan, step, other periods.
  */
 #include "foreswitch.h"
-
-/* Counts and subscripts in the machine's own width: 16 bits on an AVR, a register elsewhere. */
-typedef uint_fast16_t natural;
 
 /* What a design says: constants where the limits are its own (FSW_FIXED), so that a compiler drops what it does not
  * use; otherwise read from it. */
@@ -39,11 +37,8 @@ typedef uint_fast16_t natural;
 #define FSW_DATA
 #include "foreswitch_design.h"
 #define KNOWN(design) ((void)(design), &FSW_DESIGN)
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC optimize("fp-contract=off", "no-tree-loop-distribute-patterns") /* where nobody can pass a flag */
-#if FSW_MAX_INPUTS == 1 && FSW_MAX_OUTPUTS == 1
+#if defined(__GNUC__) && !defined(__clang__) && FSW_MAX_INPUTS == 1 && FSW_MAX_OUTPUTS == 1
 #pragma GCC optimize("peel-loops") /* they are short, and of known length */
-#endif
 #endif
 #else
 #define KNOWN(design) (design)
@@ -60,19 +55,12 @@ typedef uint_fast16_t natural;
 #define SINGLE(design) ((design)->inputs == 1 && (design)->outputs == 1)
 #endif
 
-#if defined(__GNUC__) && (defined(FSW_FIXED) || !defined(__OPTIMIZE_SIZE__))
-#define INLINE static inline __attribute__((always_inline))
-#else
-#define INLINE static inline
+#ifdef FSW_FIXED
+#define FOLDS
 #endif
+#include "arithmetic.h"
 
-INLINE fsw_real product(fsw_real sum, const fsw_real *a, const fsw_real *b, natural count)
-{
-    for (natural i = 0; i < count; i++) sum += a[i] * b[i];
-    return sum;
-}
-
-/* The same without the entries that are known to be zero. */
+/* product without the entries that are known to be zero. */
 INLINE fsw_real sparse(fsw_real sum, const fsw_real *a, const fsw_real *b, natural count)
 {
     for (natural i = 0; i < count; i++)

@@ -1,3 +1,4 @@
+/* foreswitch 0.1.0, SPDX-License-Identifier: BSD-3-Clause */
 /* foreswitch: predictive control of actuators that can only switch and act after a dead time.
  *
  * Everything a controller needs at run time, in freestanding C99: no heap, no stdio, no mutable
@@ -16,9 +17,34 @@
  *
  * with tail_j the input assumed after the candidate has been held. A step costs
  * O(outputs * (states + pending) + candidates * outputs * inputs), whatever the horizon.
+ *
+ * An exported design is one header, foreswitch_design.h; each reader asks for its section:
+ *
+ *     +-----------------------------+
+ *     | limits: sizes, what is used |   FSW_LIMITS   this header, which cuts fsw_state to size
+ *     +-----------------------------+
+ *     | declaration                 |                a program
+ *     +-----------------------------+
+ *     | tables and structures       |   FSW_DATA     foreswitch.c
+ *     +-----------------------------+
+ *     | example steps               |   FSW_STEPS    selftest.c, example.c
+ *     +-----------------------------+
+ *
+ *     constant, in flash                                                yours, in RAM
+ *     +------------+      +----------------------------------+          +-------------------------+
+ *     | fsw_design |   +->| levels, rows, dwell, model, ...  |          | fsw_state               |
+ *     |   sizes    |   |  +----------------------------------+          |   x, w, wait, counters  |
+ *     |   tables --+---+                                                |   plan     of a horizon |
+ *     |   horizon -+-+    +-------------+    +---------------+          |   line     commands     |
+ *     +------------+ +--->| fsw_horizon |  +>| F, G, S, ...  |          |   scratch  of a horizon |
+ *      null: endpoint     |   tables ---+--+ +---------------+          +-------------------------+
+ *                         +-------------+
  */
 #ifndef FORESWITCH_H
 #define FORESWITCH_H
+
+#define FSW_VERSION_MAJOR 0
+#define FSW_VERSION_MINOR 1
 
 #include <stdint.h>
 
@@ -82,11 +108,15 @@ typedef double fsw_real;
 #define FSW_HUGE 1e290
 #endif
 
-/* Whether a design can be run. */
+/* Whether a design can be run, or what a call was given be used; and what to do if not. */
 typedef enum {
-    FSW_VALID = 0,
-    FSW_TOO_LARGE = 1,   /* a size exceeds the limits above */
-    FSW_INCONSISTENT = 2 /* sizes or indices contradict each other */
+    FSW_VALID = 0, /* Go on. */
+    /* A size exceeds the limits above: raise that limit for all files that include this header, or give the design a
+     * longer period, fewer states, commands or moves. */
+    FSW_TOO_LARGE = 1,
+    /* Sizes or indices contradict each other, a table is missing, or a number is out of its range: take the design, and
+     * the header beside the core, from one export as it is; of another call, correct what it was given. */
+    FSW_INCONSISTENT = 2
 } fsw_validity;
 
 /* What a command is based on. */

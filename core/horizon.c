@@ -1,3 +1,4 @@
+/* foreswitch 0.1.0, SPDX-License-Identifier: BSD-3-Clause */
 /* In the order data meets it: affine parts, prices, dominance, children, search. */
 #include "foreswitch.h"
 
@@ -5,14 +6,6 @@
 
 #if FSW_HORIZON_CANDIDATES > 255 || FSW_RECORDS > 127
 #error "at most 255 FSW_HORIZON_CANDIDATES and 127 FSW_RECORDS: they are counted in bytes"
-#endif
-
-typedef uint_fast16_t natural;
-
-#if defined(__GNUC__) && !defined(__OPTIMIZE_SIZE__)
-#define INLINE static inline __attribute__((always_inline))
-#else
-#define INLINE static inline
 #endif
 
 /* Sizes: constants where the limits are the design's own (FSW_FIXED, an exported design); otherwise read from it, with
@@ -25,11 +18,8 @@ typedef uint_fast16_t natural;
 #define MOVES(h) FSW_MAX_MOVES
 #define STEPS(h) FSW_MAX_STEPS
 #define COPIES 0
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC optimize("fp-contract=off", "no-tree-loop-distribute-patterns") /* as in foreswitch.c */
-#if FSW_MAX_INPUTS == 1 && FSW_HORIZON_STATES <= 3
-#pragma GCC optimize("peel-loops")
-#endif
+#if defined(__GNUC__) && !defined(__clang__) && FSW_MAX_INPUTS == 1 && FSW_HORIZON_STATES <= 3
+#pragma GCC optimize("peel-loops") /* they are short, and of known length */
 #endif
 #else
 #define STATES(h) (h)->states
@@ -45,16 +35,16 @@ typedef uint_fast16_t natural;
 #endif
 #endif
 
-#define HUGE_COST ((fsw_real)FSW_HUGE)
-#define FLOOR ((fsw_real)1e-25)      /* keeps a decaying state out of the denormal numbers, which are slow */
-#define PASSES 12                    /* of the active-set method, which may cycle */
-#define ZERO_PIVOT ((fsw_real)1e-12) /* relative, where an input has no effect of its own */
+#include "arithmetic.h"
 
-INLINE fsw_real product(fsw_real sum, const fsw_real *a, const fsw_real *b, natural count)
-{
-    for (natural i = 0; i < count; i++) sum += a[i] * b[i];
-    return sum;
-}
+/* ---- Tuning: what is the same for every design; patience, far and dominance come with its tables ---- */
+
+#define HUGE_COST ((fsw_real)FSW_HUGE) /* of no incumbent: any cost is below it, or as good as infinite */
+#define FLOOR ((fsw_real)1e-25)        /* keeps a decaying state out of the denormal numbers, which are slow */
+#define REPLAYED 3 /* moves from which on an earlier plan is tried: of fewer, the first descent is as good */
+#define MARGIN(low, high) ((high) - (low)) /* that the minimiser must leave the hull by: nearer, prices help little */
+#define PASSES 12                    /* of the active-set method, which may cycle: whatever it ends with is valid */
+#define ZERO_PIVOT ((fsw_real)1e-12) /* share of the largest pivot: below, an input has no effect of its own */
 
 /* y = F' p */
 INLINE void transposed(const fsw_real *F, const fsw_real *p, fsw_real *y, natural n)
@@ -174,7 +164,7 @@ void fsw_horizon_prepare(const fsw_horizon *h, fsw_horizon_scratch *s, const fsw
 
 /* ---- Prices: multipliers of the real-valued minimisation over the levels' hull ---- */
 
-/* Whether the unbounded minimiser leaves the hull by more than its width: else prices help little. */
+/* Whether the unbounded minimiser leaves the hull by more than MARGIN. O(moves (states + inputs)^2). */
 static int leaves_hull(const fsw_horizon *h, const fsw_horizon_scratch *s, natural present)
 {
     const natural n = STATES(h), m = INPUTS(h);
@@ -188,7 +178,7 @@ static int leaves_hull(const fsw_horizon *h, const fsw_horizon_scratch *s, natur
         for (natural j = 0; j < m; j++) {
             u[j] = 0;
             for (natural a = 0; a < m; a++) u[j] += h->pull[(k * m + a) * m + j] * w[a];
-            const fsw_real margin = h->hull[2 * j + 1] - h->hull[2 * j];
+            const fsw_real margin = MARGIN(h->hull[2 * j], h->hull[2 * j + 1]);
             if (u[j] < h->hull[2 * j] - margin || u[j] > h->hull[2 * j + 1] + margin) return 1;
         }
         for (natural i = 0; i < n; i++) y[i] = product(product(0, h->F + i * n, x, n), h->G + i * m, u, m);
@@ -197,113 +187,168 @@ static int leaves_hull(const fsw_horizon *h, const fsw_horizon_scratch *s, natur
     return 0;
 }
 
-/* One pass of the primal-dual active-set method: minimise with the pinned inputs at their end of the hull (Riccati
- * backward, one scalar elimination per input, then forward), pin what leaves the hull, free what is pulled inwards.
- * Leaves half the slope of J at the pinned inputs. Returns the number of inputs that changed sides. */
-static natural pin(const fsw_horizon *h, fsw_horizon_scratch *s, natural present)
+/* The quadratic forms of one period of a pass, y'Ay + 2 b'y + const, and the Riccati recursion between them. */
+typedef struct {
+    fsw_real W[FSW_SPAN * FSW_SPAN], p[FSW_SPAN]; /* best cost from here on, in (x, previous) */
+    fsw_real X[FSW_SPAN * FSW_SPAN];              /* W [F 0 G; 0 0 1], column `previous` left out, which is 0 */
+    fsw_real A[(FSW_SPAN + FSW_MAX_INPUTS) * (FSW_SPAN + FSW_MAX_INPUTS)]; /* in (x, previous, u), lower triangle */
+    fsw_real b[FSW_SPAN + FSW_MAX_INPUTS];
+    fsw_real scale; /* largest pivot so far */
+} quadratic;
+
+/* After the last move nothing is left to choose. */
+INLINE void begin_behind(const fsw_horizon *h, const fsw_horizon_scratch *s, natural v, quadratic *f)
 {
-    const natural n = STATES(h), m = INPUTS(h), q = OUTPUTS(h), v = n + m, all = v + m;
-    fsw_real A[(FSW_SPAN + FSW_MAX_INPUTS) * (FSW_SPAN + FSW_MAX_INPUTS)], b[FSW_SPAN + FSW_MAX_INPUTS];
-    fsw_real W[FSW_SPAN * FSW_SPAN], p[FSW_SPAN], X[FSW_SPAN * FSW_SPAN], scale = 0;
-    for (natural i = 0; i < v * v; i++) W[i] = h->last_value[i];
-    for (natural i = 0; i < v; i++) p[i] = s->last[i];
-    for (natural k = MOVES(h); k-- > 0;) {
-        for (natural o = 0; o < q; o++) {
-            const fsw_real root = h->root_weight[k * q + o], *S = h->S + o * n;
-            for (natural i = 0; i < n; i++) {
-                for (natural j = 0; j < n; j++) W[i * v + j] += root * S[i] * root * S[j];
-                p[i] += root * S[i] * s->error[k][o];
-            }
-        }
-        /* the quadratic form in (x, previous, u): X = W [F 0 G; 0 0 1], A = [F 0 G; 0 0 1]' X, lower triangle */
-        for (natural i = 0; i < v; i++) {
-            for (natural j = 0; j < n; j++) {
-                X[i * v + j] = 0;
-                for (natural l = 0; l < n; l++) X[i * v + j] += W[i * v + l] * h->F[l * n + j];
-            }
-            for (natural j = 0; j < m; j++) {
-                X[i * v + n + j] = W[i * v + n + j];
-                for (natural l = 0; l < n; l++) X[i * v + n + j] += W[i * v + l] * h->G[l * m + j];
-            }
-        }
-        for (natural i = 0; i < all; i++)
-            for (natural j = 0; j <= i; j++) A[i * all + j] = 0;
-        transposed(h->F, p, b, n);
-        for (natural i = 0; i < n; i++)
-            for (natural j = 0; j <= i; j++)
-                for (natural l = 0; l < n; l++) A[i * all + j] += h->F[l * n + i] * X[l * v + j];
-        for (natural i = 0; i < m; i++) {
-            const natural r = v + i;
-            b[n + i] = 0;
-            b[r] = p[n + i] + h->lift_centre[k * m + i];
-            for (natural l = 0; l < n; l++) b[r] += h->G[l * m + i] * p[l];
-            for (natural j = 0; j < n; j++) {
-                A[r * all + j] = X[(n + i) * v + j];
-                for (natural l = 0; l < n; l++) A[r * all + j] += h->G[l * m + i] * X[l * v + j];
-            }
-            for (natural j = 0; j <= i; j++) {
-                A[r * all + v + j] = X[(n + i) * v + n + j];
-                for (natural l = 0; l < n; l++) A[r * all + v + j] += h->G[l * m + i] * X[l * v + n + j];
-            }
-            A[r * all + r] += h->move_weight[i] - h->lift[k * m + i];
-            A[(n + i) * all + n + i] = h->move_weight[i];
-            A[r * all + n + i] = -h->move_weight[i];
-            if (A[r * all + r] > scale) scale = A[r * all + r];
-        }
-        for (natural j = m; j-- > 0;) {
-            const natural r = v + j;
-            const fsw_real *row = A + r * all;
-            for (natural i = 0; i <= r; i++) s->u.hull.row[k][j][i] = row[i];
-            s->u.hull.slope[k][j] = b[r];
-            if (s->u.hull.pinned[k][j]) {
-                const fsw_real u = h->hull[2 * j + (s->u.hull.pinned[k][j] > 0)];
-                for (natural i = 0; i < r; i++) b[i] += row[i] * u;
-            } else if (row[r] > ZERO_PIVOT * scale) {
-                for (natural i = 0; i < r; i++) {
-                    const fsw_real f = row[i] / row[r];
-                    b[i] -= f * b[r];
-                    for (natural l = 0; l <= i; l++) A[i * all + l] -= f * row[l];
-                }
-            }
-        }
-        for (natural i = 0; i < v; i++) {
-            p[i] = b[i];
-            for (natural j = 0; j <= i; j++) W[i * v + j] = W[j * v + i] = A[i * all + j];
+    for (natural i = 0; i < v * v; i++) f->W[i] = h->last_value[i];
+    for (natural i = 0; i < v; i++) f->p[i] = s->last[i];
+    f->scale = 0;
+}
+
+/* W, p: add |S x + e|^2 at the end of period k. O(outputs states^2). */
+INLINE void add_error(const fsw_horizon *h, const fsw_horizon_scratch *s, natural n, natural v, natural q, natural k,
+                      quadratic *f)
+{
+    for (natural o = 0; o < q; o++) {
+        const fsw_real root = h->root_weight[k * q + o], *S = h->S + o * n;
+        for (natural i = 0; i < n; i++) {
+            for (natural j = 0; j < n; j++) f->W[i * v + j] += root * S[i] * root * S[j];
+            f->p[i] += root * S[i] * s->error[k][o];
         }
     }
-    fsw_real y[FSW_SPAN + FSW_MAX_INPUTS], next[FSW_HORIZON_STATES];
+}
+
+/* A, b from W, p: back over period k, x' = F x + G u, and the moves' own cost added; A = [F 0 G; 0 0 1]' X.
+ * O((states + inputs)^2 states). */
+INLINE void go_back(const fsw_horizon *h, natural n, natural m, natural k, quadratic *f)
+{
+    const natural v = n + m, all = v + m;
+    fsw_real *W = f->W, *X = f->X, *A = f->A, *b = f->b, *p = f->p;
+    for (natural i = 0; i < v; i++) {
+        for (natural j = 0; j < n; j++) {
+            X[i * v + j] = 0;
+            for (natural l = 0; l < n; l++) X[i * v + j] += W[i * v + l] * h->F[l * n + j];
+        }
+        for (natural j = 0; j < m; j++) {
+            X[i * v + n + j] = W[i * v + n + j];
+            for (natural l = 0; l < n; l++) X[i * v + n + j] += W[i * v + l] * h->G[l * m + j];
+        }
+    }
+    for (natural i = 0; i < all; i++)
+        for (natural j = 0; j <= i; j++) A[i * all + j] = 0;
+    transposed(h->F, p, b, n);
+    for (natural i = 0; i < n; i++)
+        for (natural j = 0; j <= i; j++)
+            for (natural l = 0; l < n; l++) A[i * all + j] += h->F[l * n + i] * X[l * v + j];
+    for (natural i = 0; i < m; i++) {
+        const natural r = v + i;
+        b[n + i] = 0;
+        b[r] = p[n + i] + h->lift_centre[k * m + i];
+        for (natural l = 0; l < n; l++) b[r] += h->G[l * m + i] * p[l];
+        for (natural j = 0; j < n; j++) {
+            A[r * all + j] = X[(n + i) * v + j];
+            for (natural l = 0; l < n; l++) A[r * all + j] += h->G[l * m + i] * X[l * v + j];
+        }
+        for (natural j = 0; j <= i; j++) {
+            A[r * all + v + j] = X[(n + i) * v + n + j];
+            for (natural l = 0; l < n; l++) A[r * all + v + j] += h->G[l * m + i] * X[l * v + n + j];
+        }
+        A[r * all + r] += h->move_weight[i] - h->lift[k * m + i];
+        A[(n + i) * all + n + i] = h->move_weight[i];
+        A[r * all + n + i] = -h->move_weight[i];
+        if (A[r * all + r] > f->scale) f->scale = A[r * all + r];
+    }
+}
+
+/* W, p from A, b: put in each input of period k, the last first: its end of the hull where it is pinned, else its
+ * minimiser. Keeps each input's row for the way forward. O(inputs (states + inputs)^2). */
+INLINE void eliminate(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural k, quadratic *f)
+{
+    const natural v = n + m, all = v + m;
+    fsw_real *A = f->A, *b = f->b;
+    for (natural j = m; j-- > 0;) {
+        const natural r = v + j;
+        const fsw_real *row = A + r * all;
+        for (natural i = 0; i <= r; i++) s->u.hull.row[k][j][i] = row[i];
+        s->u.hull.slope[k][j] = b[r];
+        if (s->u.hull.pinned[k][j]) {
+            const fsw_real u = h->hull[2 * j + (s->u.hull.pinned[k][j] > 0)];
+            for (natural i = 0; i < r; i++) b[i] += row[i] * u;
+        } else if (row[r] > ZERO_PIVOT * f->scale) {
+            for (natural i = 0; i < r; i++) {
+                const fsw_real g = row[i] / row[r];
+                b[i] -= g * b[r];
+                for (natural l = 0; l <= i; l++) A[i * all + l] -= g * row[l];
+            }
+        }
+    }
+    for (natural i = 0; i < v; i++) {
+        f->p[i] = b[i];
+        for (natural j = 0; j <= i; j++) f->W[i * v + j] = f->W[j * v + i] = A[i * all + j];
+    }
+}
+
+/* Input j of period k, into y[r], from y [r] = (x, previous, the inputs before it): a pinned one is freed where J falls
+ * inwards, a free one is pinned where its minimiser lies outside the hull. Leaves half the slope of J where it stays
+ * pinned, else 0. Returns whether it changed sides. */
+INLINE int choose_side(const fsw_horizon *h, fsw_horizon_scratch *s, natural k, natural j, natural r, fsw_real scale,
+                       fsw_real *y)
+{
+    const fsw_real *row = s->u.hull.row[k][j], a = h->hull[2 * j], c = h->hull[2 * j + 1];
+    const int8_t was = s->u.hull.pinned[k][j];
+    const fsw_real slope = product(s->u.hull.slope[k][j], row, y, r);
+    int8_t now = was;
+    if (was) {
+        y[r] = was < 0 ? a : c;
+        s->u.hull.slope[k][j] = slope + row[r] * y[r];
+        if ((was < 0) != (s->u.hull.slope[k][j] > 0)) {
+            now = 0;
+            s->u.hull.slope[k][j] = 0;
+        }
+    } else {
+        y[r] = row[r] > ZERO_PIVOT * scale ? -slope / row[r] : (a + c) / 2;
+        s->u.hull.slope[k][j] = 0;
+        if (y[r] < a) now = -1;
+        if (y[r] > c) now = 1;
+        if (now) y[r] = now < 0 ? a : c; /* go on from there: the next inputs see what really will happen */
+    }
+    s->u.hull.pinned[k][j] = now;
+    return now != was;
+}
+
+/* Along the minimiser from x[0] = 0, each input's side; the number of those that changed. O(moves (states +
+ * inputs)^2). */
+INLINE natural go_forward(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural present,
+                          fsw_real scale)
+{
+    const natural v = n + m;
+    fsw_real y[FSW_SPAN + FSW_MAX_INPUTS], next[FSW_HORIZON_STATES]; /* y: x, previous, u */
     natural changes = 0;
     for (natural i = 0; i < n; i++) y[i] = 0;
     for (natural j = 0; j < m; j++) y[n + j] = h->value[present * m + j];
     for (natural k = 0; k < MOVES(h); k++) {
-        for (natural j = 0; j < m; j++) {
-            const natural r = v + j;
-            const fsw_real *row = s->u.hull.row[k][j], a = h->hull[2 * j], c = h->hull[2 * j + 1];
-            const int8_t was = s->u.hull.pinned[k][j];
-            const fsw_real slope = product(s->u.hull.slope[k][j], row, y, r);
-            int8_t now = was;
-            if (was) {
-                y[r] = was < 0 ? a : c;
-                s->u.hull.slope[k][j] = slope + row[r] * y[r];
-                if ((was < 0) != (s->u.hull.slope[k][j] > 0)) {
-                    now = 0;
-                    s->u.hull.slope[k][j] = 0;
-                }
-            } else {
-                y[r] = row[r] > ZERO_PIVOT * scale ? -slope / row[r] : (a + c) / 2;
-                s->u.hull.slope[k][j] = 0;
-                if (y[r] < a) now = -1;
-                if (y[r] > c) now = 1;
-                if (now) y[r] = now < 0 ? a : c; /* go on from there: the next inputs see what really will happen */
-            }
-            changes += now != was;
-            s->u.hull.pinned[k][j] = now;
-        }
+        for (natural j = 0; j < m; j++) changes += (natural)choose_side(h, s, k, j, v + j, scale, y);
         for (natural i = 0; i < n; i++) next[i] = product(product(0, h->F + i * n, y, n), h->G + i * m, y + v, m);
         for (natural i = 0; i < n; i++) y[i] = next[i];
         for (natural j = 0; j < m; j++) y[n + j] = y[v + j];
     }
     return changes;
+}
+
+/* One pass of the primal-dual active-set method: minimise with the pinned inputs at their end of the hull, then pin
+ * what leaves the hull and free what is pulled inwards. Before: scratch.u.hull.pinned [moves][inputs] in -1, 0, 1.
+ * After: the same anew, and half the slope of J at the pinned inputs. Returns the number of inputs that changed sides.
+ * O(moves (states + inputs)^3). */
+static natural pin(const fsw_horizon *h, fsw_horizon_scratch *s, natural present)
+{
+    const natural n = STATES(h), m = INPUTS(h), v = n + m;
+    quadratic f;
+    begin_behind(h, s, v, &f);
+    for (natural k = MOVES(h); k-- > 0;) {
+        add_error(h, s, n, v, OUTPUTS(h), k, &f);
+        go_back(h, n, m, k, &f);
+        eliminate(h, s, n, m, k, &f);
+    }
+    return go_forward(h, s, n, m, present, f.scale);
 }
 
 /* Find the prices and the affine parts that go with them. Any slopes give a valid bound, converged ones the best. */
@@ -454,10 +499,30 @@ fsw_real fsw_horizon_cost(const fsw_horizon *h, const fsw_horizon_scratch *s, ui
     return cost_of(h, s, STATES(h), INPUTS(h), OUTPUTS(h), CANDIDATES(h), present, sequence);
 }
 
-/* ---- Search ---- */
+/* ---- Search: branch and bound, depth first, the best child first ----
+ *
+ * A node at depth k, 0 <= k < moves, has k moves fixed, scratch.u.tree.path[0 .. k - 1]. Its children are listed when
+ * it is processed, so that the arrays [moves] of the tree hold all open nodes of the path at hand: no other is stored.
+ */
 
-INLINE void root(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, const uint32_t *wait)
+/* Where the search stands. Costs and bounds are above V_0, which changes with the prices. */
+typedef struct {
+    fsw_horizon_answer answer; /* excess, found: of the incumbent, scratch.best; nodes so far */
+    fsw_real bound;            /* of the node at hand, */
+    natural k, c;              /* its depth and last move; of the root the candidate in force */
+    uint32_t pause, budget;    /* nodes at which prices are tried or, once they are, the search ends */
+    int timed;                 /* a dwell is running, or may come to */
+    int priced;                /* prices have been tried */
+    int dived; /* the first descent has ended: without it, a plan would only ever be followed, never revised */
+} position;
+
+/* The root, at hand. */
+INLINE void to_root(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural present,
+                    const uint32_t *wait, position *at)
 {
+    at->bound = 0;
+    at->k = 0;
+    at->c = present;
     for (natural i = 0; i < n; i++) s->u.tree.x[0][i] = 0;
     for (natural j = 0; j < m; j++) s->u.tree.wait[0][j] = (uint16_t)(wait[j] < UINT16_MAX ? wait[j] : UINT16_MAX);
 #if FSW_RECORDS > 0
@@ -480,7 +545,8 @@ INLINE void descend(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, nat
     }
 }
 
-/* Cost above V_0 of a whole sequence; HUGE_COST if it breaks a dwell or there is none. */
+/* Cost above V_0 of a whole sequence, from the root at hand, which stays there; HUGE_COST if it breaks a dwell or there
+ * is none. */
 INLINE fsw_real follow(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural C, natural present,
                        int timed, const uint8_t *sequence)
 {
@@ -523,93 +589,141 @@ static void keep_only(fsw_horizon_scratch *s, natural first)
     if (at < s->u.tree.count[0]) s->u.tree.count[0] = (uint8_t)(at + 1u);
 }
 
+/* Process the node at hand: bound its children, list those that can still beat the incumbent, of the root's only
+ * `first` if that is a candidate. O(candidates (inputs + candidates) + inputs states). */
+INLINE void process(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural C, natural first,
+                    position *at)
+{
+    expand(h, s, n, m, C, at->k, at->c, at->timed, at->bound, at->answer.excess);
+    at->answer.nodes += (uint32_t)C;
+    if (first < C && at->k == 0) keep_only(s, first);
+}
+
+/* Whether a child of the node at hand can still beat the incumbent: the best of those left, as they are sorted. */
+INLINE int is_open(const fsw_horizon_scratch *s, const position *at)
+{
+    const natural open = s->u.tree.next[at->k];
+    return open != s->u.tree.count[at->k] && s->u.tree.bound[at->k][open] < at->answer.excess;
+}
+
+/* Branch: take the best child left, the path and its bound with it. Returns the move before it. */
+INLINE natural branch(fsw_horizon_scratch *s, natural present, position *at)
+{
+    const natural k = at->k, open = s->u.tree.next[k];
+    const natural from = k > 0 ? s->u.tree.path[k - 1] : present;
+    at->c = s->u.tree.child[k][open];
+    at->bound = s->u.tree.bound[k][open];
+    s->u.tree.next[k]++;
+    s->u.tree.path[k] = (uint8_t)at->c;
+    return from;
+}
+
+/* Spawn: make the child that was taken the node at hand, if it is not dominated. There is nothing to compare with at
+ * depth 1, whose nodes differ in their only move, and nothing to save at the last. Returns whether it is there.
+ * O(states^2), compared: O((states + inputs) (states + FSW_RECORDS)). */
+INLINE int spawn(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural C, natural from,
+                 position *at)
+{
+    descend(h, s, n, m, at->k, from, at->c, at->timed);
+    at->k++;
+#if FSW_RECORDS > 0
+    if (h->dominance && at->k > 1 && at->k < MOVES(h) - 1u &&
+        dominated(h, s, n, m, C, at->k, at->c, at->timed, at->bound, at->answer.excess)) {
+        at->k--;
+        return 0;
+    }
+#else
+    (void)C;
+#endif
+    return 1;
+}
+
+/* Far above V_0 prices are worth trying at once. */
+INLINE void hurry(const fsw_horizon *h, position *at)
+{
+    if (!at->priced && at->answer.excess > h->far)
+        at->pause = at->answer.nodes < at->budget ? at->answer.nodes : at->budget;
+}
+
+/* A leaf was taken: the path is the new incumbent. */
+INLINE void keep(const fsw_horizon *h, fsw_horizon_scratch *s, position *at)
+{
+    for (natural i = 0; i < MOVES(h); i++) s->best[i] = s->u.tree.path[i];
+    at->answer.excess = at->bound;
+    at->answer.found = 1;
+    at->dived = 1;
+    hurry(h, at);
+}
+
+/* No child is left: one move up. Returns whether there is one. */
+INLINE int backtrack(const fsw_horizon *h, position *at)
+{
+    if (!at->dived) hurry(h, at);
+    at->dived = 1; /* a plan from before may be the best there is, so that no leaf would ever tell how far it is */
+    /* the first descent only fails where costs overflow: without an incumbent, the rest might never end */
+    return at->answer.found && at->k-- > 0;
+}
+
+/* Raise all bounds by prices, once. Returns whether the search begins anew: the root is at hand, the incumbent stays.
+ */
+INLINE int reprice(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural C, natural present,
+                   const uint32_t *wait, position *at)
+{
+    at->pause = at->budget;
+    at->priced = 1;
+    if (!leaves_hull(h, s, present)) return 0;
+    const fsw_real plain = at->answer.excess;
+    set_prices(h, s, present); /* in the tree's memory */
+    to_root(h, s, n, m, present, wait, at);
+    at->answer.excess = follow(h, s, n, m, C, present, at->timed, s->best);
+    at->answer.nodes += MOVES(h);
+    if (!(at->answer.excess <= plain)) { /* worse than without them, or NaN: they did not converge */
+        withdraw_prices(h, s);
+        at->answer.excess = plain;
+    }
+    return 1;
+}
+
+/* The best sequence, into scratch.best. n, m, C: states, inputs, candidates, perhaps as constants. Before:
+ * fsw_horizon_prepare, moves >= 2, present < C, candidates in `warm` checked here. After: found, unless no candidate
+ * respects the waits or all costs overflow; optimal, unless the budget ran out. Each node costs what process and spawn
+ * do; there are at most sum C^k, and on the way to the first leaf moves * C. */
 INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural C,
                                  uint8_t present, const uint32_t *wait, const uint8_t *warm, natural first,
                                  uint32_t budget)
 {
-    const natural last = MOVES(h) - 1u;
-    fsw_horizon_answer answer = {HUGE_COST, 0, 0, 0, 0};
-    int timed = h->dwell != 0; /* without any, a dwell may still have been given to start with */
-    for (natural j = 0; j < m; j++) timed |= wait[j] > 0;
-    uint32_t pause = h->patience < budget ? h->patience : budget;
-    enum { RESTART, EXPAND, BACKTRACK } next = RESTART;
-    fsw_real bound = 0; /* costs and bounds are above V_0, which changes with the prices */
-    natural k = 0, c = present;
-    int tried = 0; /* prices */
-    int dived = 0; /* the first descent has ended: without it, a plan would only ever be followed, never revised */
-    if (warm && last > 1) { /* else the first descent is as good */
-        root(h, s, n, m, wait);
-        answer.excess = follow(h, s, n, m, C, present, timed, warm);
-        answer.nodes = MOVES(h);
-        answer.found = answer.excess < HUGE_COST;
-        for (natural i = 0; answer.found && i <= last; i++) s->best[i] = warm[i];
+    position at = {{HUGE_COST, 0, 0, 0, 0}, 0, 0, 0, h->patience < budget ? h->patience : budget, budget, 0, 0, 0};
+    at.timed = h->dwell != 0; /* without any, a dwell may still have been given to start with */
+    for (natural j = 0; j < m; j++) at.timed |= wait[j] > 0;
+    to_root(h, s, n, m, present, wait, &at);
+    if (warm && MOVES(h) >= REPLAYED) {
+        at.answer.excess = follow(h, s, n, m, C, present, at.timed, warm);
+        at.answer.nodes = MOVES(h);
+        at.answer.found = at.answer.excess < HUGE_COST;
+        for (natural i = 0; at.answer.found && i < MOVES(h); i++) s->best[i] = warm[i];
     }
-    for (;;) {
-        if (next == RESTART) {
-            root(h, s, n, m, wait);
-            bound = 0;
-            k = 0;
-            c = present;
+    for (int fresh = 1;;) { /* the node at hand is not yet processed */
+        if (fresh) process(h, s, n, m, C, first, &at);
+        fresh = 0;
+        if (!is_open(s, &at)) {
+            if (backtrack(h, &at)) continue;
+            at.answer.optimal = at.answer.found;
+            return at.answer;
         }
-        if (next != BACKTRACK) {
-            expand(h, s, n, m, C, k, c, timed, bound, answer.excess);
-            answer.nodes += (uint32_t)C;
-            if (first < C && k == 0) keep_only(s, first);
-        }
-        next = BACKTRACK;
-        const natural open = s->u.tree.next[k];
-        if (open == s->u.tree.count[k] || !(s->u.tree.bound[k][open] < answer.excess)) {
-            if (!dived && !tried && answer.excess > h->far) pause = answer.nodes < budget ? answer.nodes : budget;
-            dived = 1; /* a plan from before may be the best there is, so that no leaf would ever tell how far it is */
-            /* the first descent only fails where costs overflow: without an incumbent, the rest might never end */
-            if (answer.found && k-- > 0) continue;
-            answer.optimal = answer.found;
-            return answer;
-        }
-        if (answer.found && dived && answer.nodes >= pause) {
-            if (answer.nodes >= budget) break;
-            pause = budget;
-            tried = 1;
-            if (leaves_hull(h, s, present)) {
-                const fsw_real plain = answer.excess;
-                set_prices(h, s, present);
-                root(h, s, n, m, wait);
-                answer.excess = follow(h, s, n, m, C, present, timed, s->best);
-                answer.nodes += MOVES(h);
-                if (!(answer.excess <= plain)) { /* worse than without them, or NaN: they did not converge */
-                    withdraw_prices(h, s);
-                    answer.excess = plain;
-                }
-                next = RESTART;
-            }
+        if (at.answer.found && at.dived && at.answer.nodes >= at.pause) {
+            if (at.answer.nodes >= budget) break;
+            fresh = reprice(h, s, n, m, C, present, wait, &at);
             continue;
         }
-        const natural from = k > 0 ? s->u.tree.path[k - 1] : present;
-        c = s->u.tree.child[k][open];
-        bound = s->u.tree.bound[k][open];
-        s->u.tree.next[k]++;
-        s->u.tree.path[k] = (uint8_t)c;
-        if (k < last) {
-            descend(h, s, n, m, k, from, c, timed);
-            k++;
-#if FSW_RECORDS > 0
-            if (h->dominance && k > 1 && k < last && dominated(h, s, n, m, C, k, c, timed, bound, answer.excess)) {
-                k--;
-                continue;
-            }
-#endif
-            next = EXPAND;
-            continue;
-        }
-        for (natural i = 0; i <= last; i++) s->best[i] = s->u.tree.path[i];
-        answer.excess = bound;
-        answer.found = 1;
-        dived = 1;
-        if (bound > h->far && !tried) pause = answer.nodes < budget ? answer.nodes : budget;
+        const natural from = branch(s, present, &at);
+        if (at.k + 1u == MOVES(h))
+            keep(h, s, &at);
+        else
+            fresh = spawn(h, s, n, m, C, from, &at);
     }
-    answer.gap = answer.excess - least_open(s, k, answer.excess);
-    answer.optimal = !(answer.gap > 0);
-    return answer;
+    at.answer.gap = at.answer.excess - least_open(s, at.k, at.answer.excess);
+    at.answer.optimal = !(at.answer.gap > 0);
+    return at.answer;
 }
 
 /* One move: every candidate that may be commanded. */

@@ -1,3 +1,4 @@
+/* foreswitch 0.1.0, SPDX-License-Identifier: BSD-3-Clause */
 /* The long horizon, exactly: the best command sequence of a switching plant, proven, in microseconds.
  *
  * Included by foreswitch.h where FSW_MAX_MOVES is not 0; fsw_step does everything. Freestanding C99 like the rest: no

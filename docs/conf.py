@@ -1,11 +1,11 @@
-"""Sphinx configuration. Tables, help texts and pictures come from the code, see generate.py."""
+"""Sphinx configuration. Tables, help texts, pictures and numbers come from the code, see _tools/generate.py."""
 
 import importlib.metadata
 import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE))
+sys.path.insert(0, str(HERE / "_tools"))
 
 import generate  # noqa: E402  (needs the path above)
 
@@ -17,7 +17,7 @@ copyright = author  # Sphinx asks for this name
 release = importlib.metadata.version("foreswitch")
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "formulas"]
-exclude_patterns = ["_build", "_generated"]
+exclude_patterns = ["_build", "_generated", "_tools"]
 default_role = "py:obj"
 
 myst_enable_extensions = ["dollarmath", "deflist"]

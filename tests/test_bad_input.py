@@ -1,6 +1,8 @@
-"""Every design-time mistake is a ValueError of one sentence that names the argument and its value."""
+"""Every design-time mistake is a ValueError of one sentence, with the argument, its value and the remedy as fields."""
 
-import re
+import copy
+import inspect
+import pickle
 
 import numpy as np
 import pytest
@@ -8,6 +10,8 @@ from scipy import signal
 
 import control
 import foreswitch as fsw
+from foreswitch import baselines
+from foreswitch._helpers.mistake import LONGEST_VALUE, Mistake, inside, shown, within
 from foreswitch.baselines import PIPWM, Relay, SmithPWM
 from systems import OVEN, TWO_BY_TWO, VALVE, valve_controller
 
@@ -212,6 +216,10 @@ MISTAKES = {
     "no objective": (lambda: build(objective=0.02), r"objective is 0\.02"),
     "levels descending": (lambda: build(levels=[1, 0]), r"levels of input 1 are \[1\.0, 0\.0\]"),
     "levels twice": (lambda: build(levels=[0, 0, 1]), r"levels of input 1 are \[0\.0, 0\.0, 1\.0\]"),
+    "levels that are one in single": (
+        lambda: build(levels=[1, 1 + 1e-9], real="float32"),
+        r"the design contradicts itself, or .* levels that coincide .*; give real = 'float64'",
+    ),
     "one level": (lambda: build(levels=[1]), r"levels of input 1 have shape \(1,\)"),
     "no level": (lambda: build(levels=[]), r"levels of input 1 have shape \(0,\)"),
     "256 levels": (lambda: build(levels=np.arange(256)), r"levels of input 1 have shape \(256,\)"),
@@ -226,13 +234,17 @@ MISTAKES = {
     ),
     "Ts = 0": (lambda: build(Ts=0), "Ts is 0"),
     "Ts < 0": (lambda: build(Ts=-1e-3), r"Ts is -0\.001"),
+    "Ts beyond all numbers": (lambda: build(Ts=10**400), "Ts is 1000.* give one number"),
+    "u_offset beyond all numbers": (lambda: plant(u_offset=[10**400]), r"u_offset is \[1000.* give numbers"),
+    "x beyond all numbers": (lambda: CONTROLLER.step([10**400, 0], 0), r"x is \[1000.* give 2 number"),
     "Ts NaN": (lambda: build(Ts=NAN), "Ts is nan"),
-    "Ts array": (lambda: build(Ts=np.array([0.1])), r"Ts is array\(\[0\.1\]\)"),
+    "Ts array": (lambda: build(Ts=np.array([0.1])), r"Ts is \[0\.1\]"),
     "Ts text": (lambda: build(Ts="1 ms"), "Ts is '1 ms'"),
     "min_on < 0": (lambda: build(min_on=-1), "min_on is -1"),
     "min_on, one too many": (lambda: build(min_on=[0, 0]), r"min_on has shape \(2,\)"),
     "min_off NaN": (lambda: build(min_off=NAN), "min_off holds NaN"),
-    "min_on beyond the core": (lambda: build(min_on=1e9), r"min_on or min_off is 1e\+09 s"),
+    "min_on beyond the core": (lambda: build(min_on=1e9), r"min_on is 1e\+09 s"),
+    "min_off beyond the core": (lambda: build(min_off=1e9), r"min_off is 1e\+09 s"),
     "switch_cost < 0": (lambda: build(switch_cost=-1), "switch_cost is -1"),
     "forbidden number": (lambda: build(forbidden=1), "forbidden is 1"),
     "forbidden no level": (lambda: two(forbidden=[(0, 3)]), "forbidden holds 3; the levels of input 2"),
@@ -306,6 +318,8 @@ MISTAKES = {
     "duration 0": (lambda: run(duration=0), "duration is 0"),
     "duration NaN": (lambda: run(duration=NAN), "duration is nan"),
     "x0 shape": (lambda: run(x0=[1]), r"x0 has shape \(1,\)"),
+    "x0 text": (lambda: run(x0="rest"), "x0 is 'rest'; give numbers"),
+    "x0 ragged": (lambda: run(x0=[[1], [1, 2]]), r"x0 is \[\[1\], \[1, 2\]\]; give numbers"),
     "x0 NaN": (lambda: run(x0=[NAN, 0]), "x0 holds NaN"),
     "noise < 0": (lambda: run(noise=-1), "noise is -1"),
     "noise shape": (lambda: run(noise=[1, 2, 3]), r"noise has shape \(3,\)"),
@@ -362,17 +376,119 @@ MISTAKES = {
 }
 
 
+def parameters(thing):
+    """Names that a caller may give to what is public."""
+    found = set(inspect.signature(thing).parameters) if callable(thing) else set()
+    methods = (
+        inspect.getmembers(thing, lambda m: inspect.isfunction(m) or inspect.ismethod(m))
+        if inspect.isclass(thing)
+        else ()
+    )
+    return found.union(*(parameters(method) for name, method in methods if not name.startswith("_")))
+
+
+ARGUMENTS = set().union(*(parameters(getattr(fsw, name)) for name in fsw.__all__ if inspect.isclass(getattr(fsw, name))
+                          or inspect.isfunction(getattr(fsw, name))),
+                        *(parameters(getattr(baselines, name)) for name in baselines.__all__))  # fmt: skip
+
+
+def caught(act):
+    with pytest.raises(Mistake) as raised:
+        act()
+    return raised.value
+
+
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_one_sentence_naming_argument_and_value(mistake):
     act, says = MISTAKES[mistake]
-    with pytest.raises(ValueError, match=says) as caught:
+    with pytest.raises(ValueError, match=says) as raised:
         act()
-    message = str(caught.value)
-    assert type(caught.value) is ValueError
+    found = raised.value
+    assert type(found) is Mistake
+    assert found.argument in ARGUMENTS or "has no argument" in found.problem
+    assert found.key is None, "no project file was read"
+    message = str(found)
+    assert message == f"{found.subject} {found.problem}; {found.remedy}"
+    assert found.subject
+    assert found.problem
+    assert found.remedy
     assert "\n" not in message
     assert len(message) < 240
     assert not message.endswith(".")
-    assert re.search(r"[;,:] ", message) or "has no argument" in message  # then the remedy
+
+
+# Fields ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("twin", [lambda m: pickle.loads(pickle.dumps(m)), copy.copy, copy.deepcopy])
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_reaches_another_process_whole(mistake, twin):
+    """Workers send it; what cannot be sent of its value goes as text."""
+    found = caught(MISTAKES[mistake][0])
+    found.key, found.places = "simulation.plant", ("project.toml", "point 3")
+    made = twin(found)
+    assert type(made) is Mistake
+    assert str(made) == str(found)
+    assert {**vars(made), "value": None} == {**vars(found), "value": None}
+    assert shown(made.value) == shown(found.value) or made.value == shown(found.value)
+
+
+def test_a_value_that_cannot_be_sent_goes_as_text():
+    made = pickle.loads(pickle.dumps(Mistake("reference", lambda t: t, "give numbers")))
+    assert "<lambda>" in made.value
+    assert made.argument == "reference"
+    assert str(made).endswith("; give numbers")
+
+
+class Odd:
+    def __repr__(self):
+        raise RuntimeError("no words")
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [(0.0, "0.0"), (5, "5"), (np.float64(0.1), "0.1"), (np.bool_(True), "True"), (np.array([[1.0, 2.0]]), "[[1.0, 2.0]]"),
+     (1.0 / 3.0, "0.3333333333333333"), ("a\nb", "'a\\nb'"), (10**5000, "a value of type int that cannot be written out"),
+     (Odd(), "a value of type Odd that cannot be written out"), (np.zeros((500, 3)), "an array of shape (500, 3)")],
+    ids=range(10),
+)  # fmt: skip
+def test_a_value_is_shown_in_one_short_line(value, words):
+    assert shown(value) == words
+
+
+@pytest.mark.parametrize(
+    "value", [list(range(10**4)), "x" * 10**6, {"a": "b" * 1000}, np.arange(80.0) / 3.0], ids=range(4)
+)
+def test_a_long_value_is_shortened_to_its_ends(value):
+    text = shown(value)
+    assert len(text) <= LONGEST_VALUE + 5
+    assert " ... " in text
+    assert repr(value)[:5] == text[:5] or text[0] == "["
+    assert "give less" in str(Mistake("x", value, "give less"))
+
+
+def test_the_innermost_table_names_the_key_and_places_stand_outermost_first():
+    def act():
+        with (
+            inside("project.toml"), within("simulation", {"low": "simulation.low"}),
+            inside("point 2"), within("simulation.hardware", {"low": "simulation.hardware.low"}),
+        ):  # fmt: skip
+            fsw.Hardware(low=2.0, high=1.0)
+
+    found = caught(act)
+    assert (found.argument, found.key) == ("low", "simulation.hardware.low")
+    assert str(found) == "project.toml: point 2: low is 2.0 and high 1.0; low must be smaller"
+
+
+def test_numbers_that_no_library_computes_with_are_a_mistake_of_their_file():
+    def act():
+        with inside("project.toml"):
+            np.linalg.inv(np.zeros((2, 2)))
+
+    found = caught(act)
+    assert found.places == ("project.toml",)
+    assert "too extreme to compute with (Singular matrix); choose others" in str(found)
+    assert isinstance(found.__cause__, np.linalg.LinAlgError)
 
 
 UNKNOWN = {

@@ -7,9 +7,12 @@ import inspect
 import re
 import subprocess
 import sys
+from enum import IntEnum
 from pathlib import Path
 
 import pytest
+from numpydoc.docscrape import get_doc_object
+from numpydoc.validate import Validator, validate
 
 import foreswitch as fsw
 
@@ -21,6 +24,64 @@ MODULES = sorted(
 #: Not of a light door: what plots, checks, prints, fits and tabulates.
 HEAVY = {"matplotlib", "pydantic", "jinja2", "rich", "pandas", "scipy.stats", "scipy.signal", "scipy.optimize"}
 OPTIONAL = {"control", "pandas", "pyarrow", "fmpy", "dask", "distributed", "starlette", "uvicorn", "websockets"}
+
+
+# Walls ----------------------------------------------------------------------------------------------------------------
+
+
+def wing(path):
+    """The wing that a file stands in, or its own name."""
+    return path.relative_to(SOURCE).parts[0]
+
+
+def private(name):
+    return name.startswith("_") and not name.startswith("__")
+
+
+def defined(tree):
+    """Underscore names that a module makes: functions, attributes of self, fields, constants."""
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            yield node.name
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.attr
+
+
+def used(tree):
+    """Underscore names that a module reaches for in something that is not itself."""
+    for node in ast.walk(tree):
+        own = isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in ("self", "cls")
+        if isinstance(node, ast.Attribute) and not own:
+            yield node.attr, node.lineno
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("foreswitch."):
+            yield from ((alias.name, node.lineno) for alias in node.names)
+
+
+def reaching(files):
+    """Uses of a name beginning with an underscore outside the wing that makes it."""
+    made = {}
+    for path, tree in files.items():
+        made.setdefault(wing(path), set()).update(filter(private, defined(tree)))
+    for path, tree in files.items():
+        for name, line in used(tree):
+            if private(name) and name not in made[wing(path)]:
+                yield f"{path.relative_to(SOURCE)}:{line} {name}"
+
+
+def test_no_wing_reaches_into_another():
+    files = {path: ast.parse(path.read_text()) for path in SOURCE.rglob("*.py")}
+    others = {"_core_float32", "_core_float64", "_response", "_exit"}  # modules of C, os._exit
+    assert [use for use in reaching(files) if use.split()[-1] not in others] == []
+
+
+def test_a_reach_into_another_wing_is_found():
+    files = {
+        SOURCE / "model/plant.py": ast.parse("class Plant:\n    def _row(self): ...\n"),
+        SOURCE / "control/law.py": ast.parse("from foreswitch.model.plant import _x\nplant._row()\nself._own = 1"),
+    }
+    assert list(reaching(files)) == ["control/law.py:1 _x", "control/law.py:2 _row"]
 
 
 # Doors ----------------------------------------------------------------------------------------------------------------
@@ -159,7 +220,8 @@ def public_objects():
     found |= {f"foreswitch.baselines.{name}": getattr(fsw.baselines, name) for name in fsw.baselines.__all__}
     for name, item in list(found.items()):
         if inspect.isclass(item):
-            for attribute, value in vars(item).items():
+            inherited = [base for base in reversed(item.__mro__) if base.__module__.startswith("foreswitch.")]
+            for attribute, value in {name: value for base in inherited for name, value in vars(base).items()}.items():
                 plain = value.__func__ if isinstance(value, (classmethod, staticmethod)) else value
                 if not attribute.startswith("_") and (inspect.isfunction(plain) or isinstance(plain, property)):
                     found[f"{name}.{attribute}"] = plain
@@ -169,25 +231,21 @@ def public_objects():
 PUBLIC = public_objects()
 
 
-def parameters(item):
-    """Names that a call takes; none for properties and enumerations."""
-    if isinstance(item, property) or (inspect.isclass(item) and issubclass(item, (int, BaseException))):
-        return []
-    return [name for name in inspect.signature(item).parameters if name not in ("self", "cls")]
+#: Told by numpydoc and not asked for: sections that would only repeat others, types and descriptions where a name with its
+#: unit says all, an order that keeps what goes together together, and a mood that is not ours.
+NOT_ASKED = {"SA01", "EX01", "ES01", "RT03", "PR03", "PR04", "PR07", "PR08", "SS05"}
 
 
-def documented(item):
-    """Names in the Parameters or Attributes section; `a, b : type` names both."""
-    lines = inspect.cleandoc(item.__doc__).splitlines()
-    names = set()
-    for i, line in enumerate(lines[:-1]):
-        if line in ("Parameters", "Attributes") and re.fullmatch("-+", lines[i + 1]):
-            for entry in lines[i + 2 :]:
-                if entry and not entry.startswith(" "):
-                    names |= {name.strip().lstrip("*") for name in entry.split(" : ")[0].split(",")}
-                if re.fullmatch("-+", entry):
-                    break
-    return names
+def complaints(name):
+    """What numpydoc says of a docstring; fields of a dataclass may stand among its attributes."""
+    found = [(code, words) for code, words in validate(name)["errors"] if code not in NOT_ASKED]
+    item = PUBLIC[name]
+    if not inspect.isclass(item):
+        return found
+    attributes = {each.strip() for entry in get_doc_object(item)["Attributes"] for each in entry.name.split(",")}
+    missing = set(inspect.signature(item).parameters) - attributes if not issubclass(item, IntEnum) else set()
+    named = Validator(get_doc_object(item)).doc_parameters
+    return [(code, words) for code, words in found if code != "PR01" or missing - set(named)]
 
 
 @pytest.mark.parametrize("name", PUBLIC)
@@ -195,7 +253,7 @@ def test_everything_public_is_documented_down_to_each_parameter(name):
     item = PUBLIC[name]
     assert item.__doc__, f"{name} has no docstring"
     assert not item.__doc__.startswith(f"{name.split('.')[-1]}("), f"{name} has only the docstring that dataclass makes"
-    assert set(parameters(item)) - documented(item) == set()
+    assert complaints(name) == []
 
 
 def test_the_search_for_public_objects_finds_them():
@@ -209,8 +267,13 @@ def test_the_search_for_public_objects_finds_them():
         "foreswitch.simulate",
         "foreswitch.baselines.tune",
     } <= set(PUBLIC)
-    assert parameters(fsw.Controller)[:3] == ["plant", "levels", "Ts"]
-    assert documented(fsw.Controller) >= {"min_on", "min_off", "bad_limit"}
+
+
+def test_a_parameter_without_a_word_is_found(monkeypatch):
+    monkeypatch.setattr(
+        fsw.simulate, "__doc__", fsw.simulate.__doc__.replace("    seed : int, optional", "    seeds : int")
+    )
+    assert {code for code, _ in complaints("foreswitch.simulate")} == {"PR01", "PR02"}
 
 
 @pytest.mark.parametrize("module", [name for name in MODULES if ".cli" not in name])
@@ -223,3 +286,59 @@ def test_there_are_examples_to_run():
     finder = doctest.DocTestFinder()
     counts = [len(test.examples) for module in (fsw.Plant, fsw.Controller) for test in finder.find(module)]
     assert sum(counts) >= 4
+
+
+# Mistakes -------------------------------------------------------------------------------------------------------------
+
+
+def trees():
+    return {path.relative_to(SOURCE).as_posix(): ast.parse(path.read_text()) for path in SOURCE.rglob("*.py")}
+
+
+def named(node):
+    return getattr(node, "id", getattr(node, "attr", None))
+
+
+def bare_raises(tree):
+    """Lines that raise a ValueError without an argument, a value and a remedy as its fields."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Raise) and node.exc is not None:
+            raised = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
+            if named(raised) == "ValueError":
+                yield node.lineno
+
+
+def readings(tree):
+    """Lines that take the text of a caught error apart: a method of it, a search in it, a pattern on it."""
+    for handler in ast.walk(tree):
+        if not isinstance(handler, ast.ExceptHandler) or handler.name is None:
+            continue
+
+        def is_text(node, error=handler.name):
+            return isinstance(node, ast.Call) and named(node.func) == "str" and named(node.args[0]) == error
+
+        for node in ast.walk(handler):
+            inside = [node.value] if isinstance(node, (ast.Attribute, ast.Subscript)) else []
+            inside += node.comparators if isinstance(node, ast.Compare) else []
+            if isinstance(node, ast.Call) and named(getattr(node.func, "value", None)) == "re":
+                inside += node.args
+            if any(map(is_text, inside)):
+                yield node.lineno
+
+
+def test_every_mistake_of_a_users_is_raised_with_its_fields():
+    assert {name: lines for name, tree in trees().items() if (lines := list(bare_raises(tree)))} == {}
+
+
+def test_no_sentence_of_an_error_is_read():
+    assert {name: lines for name, tree in trees().items() if (lines := list(readings(tree)))} == {}
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["str(error).replace('a', 'b')", "';' in str(error)", "re.match('x', str(error))", "str(error)[:3]",
+     "str(error) == 'x' or str(error).startswith('y')", "raise ValueError(f'{error}')", "raise ValueError"],
+)  # fmt: skip
+def test_the_search_for_bare_raises_and_readings_finds_them(line):
+    tree = ast.parse(f"try:\n    pass\nexcept ValueError as error:\n    {line}\n")
+    assert [*bare_raises(tree), *readings(tree)]

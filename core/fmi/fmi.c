@@ -1,3 +1,4 @@
+/* foreswitch 0.1.0, SPDX-License-Identifier: BSD-3-Clause */
 /* A controller as an FMU for co-simulation, FMI 2.0: the standard's functions round fsw_step.
  *
  * Everything a design adds comes in two headers: foreswitch_design.h, as in firmware, and foreswitch_fmu.h, which says

@@ -1,3 +1,4 @@
+/* foreswitch 0.1.0, SPDX-License-Identifier: BSD-3-Clause */
 /* The part of FMI 2.0 that fmi.c implements, by the standard's own names, types and values, so that it is the same
  * binary interface. The standard's headers may be included before it; then the compiler compares. */
 #ifndef FORESWITCH_FMI2_H

@@ -1,3 +1,4 @@
+/* foreswitch 0.1.0, SPDX-License-Identifier: BSD-3-Clause */
 /* What people use today, for comparison on the host: a relay with hysteresis, and PI(D) with pulse-width
  * modulation, the latter also behind a Smith predictor. Not part of the firmware. */
 #ifndef FORESWITCH_BASELINES_H

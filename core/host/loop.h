@@ -1,3 +1,4 @@
+/* foreswitch 0.1.0, SPDX-License-Identifier: BSD-3-Clause */
 /* Closed loop on the host: a plant stepped exactly from one switching instant to the next, under
  * the core or under one of the laws people use today. Not part of the firmware. */
 #ifndef FORESWITCH_LOOP_H

@@ -1,3 +1,4 @@
+/* foreswitch 0.1.0, SPDX-License-Identifier: BSD-3-Clause */
 /* Random numbers that depend only on (seed, stream, index): the same for any order, chunk or thread. Host only. */
 #ifndef FORESWITCH_NOISE_H
 #define FORESWITCH_NOISE_H

@@ -1,3 +1,4 @@
+/* foreswitch 0.1.0, SPDX-License-Identifier: BSD-3-Clause */
 #include "response.h"
 
 /* Decaying modes would reach denormal numbers within a long record and slow it tenfold. */

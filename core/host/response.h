@@ -1,3 +1,4 @@
+/* foreswitch 0.1.0, SPDX-License-Identifier: BSD-3-Clause */
 /* The response of a linear system x' = A x + b u at the samples of a record whose input changes only there.
  *
  * Distinct sampling intervals have tables of their own, phi = e^(A h) and gamma = int_0^h e^(A v) dv b. Where intervals

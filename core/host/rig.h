@@ -1,3 +1,4 @@
+/* foreswitch 0.1.0, SPDX-License-Identifier: BSD-3-Clause */
 /* Actuators, sensors and faults of a simulated rig, and a linear plant stepped exactly behind them. Host only. */
 #ifndef FORESWITCH_RIG_H
 #define FORESWITCH_RIG_H

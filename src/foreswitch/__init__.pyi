@@ -1,7 +1,8 @@
 # Every public name and where it lives: read by type checkers, and by __init__.py when a name is first used.
 from . import baselines as baselines
 from .certificate.certificate import Certificate as Certificate, certify as certify
-from .control.controller import Controller as Controller, Decision as Decision, Status as Status
+from .control.controller import Controller as Controller
+from .control.decision import Decision as Decision, Status as Status
 from .control.kalman import Kalman as Kalman
 from .control.objective import Endpoint as Endpoint, Horizon as Horizon
 from .export.firmware import export_c as export_c

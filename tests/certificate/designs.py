@@ -85,7 +85,7 @@ def draw(seed):
     try:
         controller = quiet(fsw.Controller, plant, levels, Ts, objective, **options)
         if rng.uniform() < 0.15:
-            h = np.array([row[0] for row in controller._law.rows.hold]).T
+            h = np.array([row[0] for row in controller.law.rows.hold]).T
             price = float(rng.uniform(0.0, 0.2) * np.square(h).max())
             controller = quiet(fsw.Controller, plant, levels, Ts, objective, switch_cost=price, **options)
     except ValueError:

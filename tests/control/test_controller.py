@@ -189,9 +189,9 @@ def inputs(controller, seed, count=40):
 def test_decide_tells_what_step_does_and_changes_no_byte(controller):
     controller = controller.copy()
     for x, reference in inputs(controller, 1):
-        before = controller._core.save()
+        before = controller.core.save()
         decision = controller.decide(x, reference)
-        assert controller._core.save() == before
+        assert controller.core.save() == before
         assert np.array_equal(controller.step(x, reference), decision.u)
         assert controller.status == decision.status
         assert np.array_equal(decision.sequence, decision.u[None])
@@ -235,7 +235,7 @@ def test_a_copy_continues_where_the_original_stood_and_apart_from_it(controller,
     for x, reference in inputs(original, 2, 13):
         original.step(x, reference)
     twin = moved(original, how)
-    assert twin._core.save() == original._core.save()
+    assert twin.core.save() == original.core.save()
     assert twin.status == original.status
     assert repr(twin) == repr(original)
     assert np.array_equal(twin.reference_times, original.reference_times)
@@ -246,9 +246,9 @@ def test_a_copy_continues_where_the_original_stood_and_apart_from_it(controller,
 def test_simulate_leaves_the_controller_as_it_was():
     controller = valve_controller()
     controller.step([0.0, 0.0], 1e3)
-    before = controller._core.save()
+    before = controller.core.save()
     fsw.simulate(controller, RISE, 0.1)
-    assert controller._core.save() == before
+    assert controller.core.save() == before
 
 
 def test_a_step_in_the_loop_is_a_step_by_hand():
@@ -327,15 +327,15 @@ def test_commands_under_way_are_counted_in():
 )
 def test_the_default_of_what_is_under_way_is_the_safe_level(levels, safe_level, expected):
     controller = fsw.Controller(OVEN, levels, 10.0, fsw.Endpoint(20.0, 1.0), safe_level=safe_level)
-    assert controller._history().tolist() == [[expected]] * 3
+    assert controller.issued.tolist() == [[expected]] * 3
 
 
 def test_a_longer_history_than_needed_is_cut_and_a_shorter_one_extended():
     controller = fsw.Controller(OVEN, [0, 1, 2], 10.0, fsw.Endpoint(20.0, 1.0))
     controller.reset(pending=[0, 0, 1, 2, 1])
-    assert controller._history().ravel().tolist() == [1, 2, 1]
+    assert controller.issued.ravel().tolist() == [1, 2, 1]
     controller.reset(pending=[2, 1])
-    assert controller._history().ravel().tolist() == [2, 2, 1]
+    assert controller.issued.ravel().tolist() == [2, 2, 1]
 
 
 def test_a_switch_cost_lowers_the_number_of_switches():
@@ -373,7 +373,7 @@ def test_who_is_told_each_command_stands_where_the_one_who_chose_it_does(control
         u = chooser.step(x, reference)
         follower.track(u, x)
     status = slice(1, None)  # of the latest step: the follower took none
-    assert follower._core.save()[status] == chooser._core.save()[status]
+    assert follower.core.save()[status] == chooser.core.save()[status]
 
 
 def observer(real="float64"):
@@ -404,7 +404,7 @@ def test_the_estimate_stays_true_while_an_operator_commands():
         controller.step(x[:1], x[0])
     assert told.estimate[0] == pytest.approx(x, rel=1e-6)
     assert untold.estimate[0] != pytest.approx(x, rel=1e-3)
-    assert told._history().ravel()[-6:-1].tolist() == commands[-5:]
+    assert told.issued.ravel()[-6:-1].tolist() == commands[-5:]
 
 
 def test_missed_periods_are_those_of_the_command_in_force():
@@ -417,7 +417,7 @@ def test_missed_periods_are_those_of_the_command_in_force():
     controller.missed(7)
     for _ in range(7):
         other.track([1.0])
-    assert controller._core.save() == other._core.save()
+    assert controller.core.save() == other.core.save()
     controller.step(truth[11][:1], 0.0)
     assert controller.estimate[0] == pytest.approx(truth[11], rel=1e-9)
     assert controller.bad_samples == (0, 0)
@@ -429,7 +429,7 @@ def test_the_safe_level_overrides_a_dwell_at_once():
     assert controller.step([0.0], -1e6).tolist() == [1.0], "on for three periods at least"
     assert controller.safe([0.0]).tolist() == [0.0]
     assert controller.status == Status.SAFE
-    assert controller._history().ravel()[-3:].tolist() == [1.0, 1.0, 0.0]
+    assert controller.issued.ravel()[-3:].tolist() == [1.0, 1.0, 0.0]
     assert controller.safe().tolist() == [0.0], "also without a measurement"
     assert controller.step([0.0], 1e3).tolist() == [1.0], "no dwell at the safe level"
 
@@ -459,10 +459,10 @@ def test_bad_samples_are_counted_in_a_row_and_in_total():
 )
 def test_what_was_issued_must_be_a_level_and_periods_a_number(call, words):
     controller = observer()
-    before = controller._core.save()
+    before = controller.core.save()
     with pytest.raises(ValueError, match=words):
         call(controller)
-    assert controller._core.save() == before
+    assert controller.core.save() == before
 
 
 def test_a_forbidden_candidate_costs_infinity_whatever_the_weight():

@@ -23,7 +23,7 @@ def wish(controller, highest):
 
 def lengths_when_always_wanting_the_other(controller, steps=60):
     """Lengths of the inner runs off and on of a controller that wants to switch at every step."""
-    present, commands = controller._history()[-1, 0], []
+    present, commands = controller.issued[-1, 0], []
     for _ in range(steps):
         present = wish(controller, present <= 0.0)
         commands.append(present)

@@ -295,7 +295,7 @@ def test_with_an_estimated_load_it_is_the_enumeration_of_what_was_estimated(uneq
 
 def terminal_of(p):
     """Riccati cost on (x, waiting moves), and how many moves of each input wait."""
-    law = controller_of(p, terminal="riccati")._law
+    law = controller_of(p, terminal="riccati").law
     return law.terminal.T @ law.terminal, law.model.waiting
 
 
@@ -381,10 +381,9 @@ def test_with_a_riccati_cost_it_is_the_enumeration():
 def with_budget(controller, budget):
     """The same controller in the same state with another node budget."""
     twin = controller.copy()
-    sizes, arrays, (counts, far, tables) = twin._parts
-    twin._parts = sizes, arrays, ((*counts[:-1], budget), far, tables)
-    twin._core = twin._new_core()
-    twin._core.restore(controller._core.save())
+    twin.design = replace(twin.design, horizon=replace(twin.design.horizon, node_budget=budget))
+    twin.core = twin._new_core()
+    twin.core.restore(controller.core.save())
     return twin
 
 
@@ -420,10 +419,10 @@ def test_any_budget_gives_a_valid_command_and_a_true_bound(setting, monkeypatch)
         full, before = controller.decide(x, reference, **told(p, w)).nodes, np.inf
         for budget in (*range(1, min(full, 250) + 1), full + 1):
             limited = with_budget(controller, budget)
-            saved = limited._core.save()
+            saved = limited.core.save()
             decision = limited.decide(x, reference, **told(p, w))
             tried += 1
-            assert limited._core.save() == saved
+            assert limited.core.save() == saved
             assert is_admissible(p, decision.sequence, past[-1], wait), (seed, budget)
             assert oracle.direct(p, past, x, w, reference, decision.sequence) == pytest.approx(decision.cost, rel=1e-9)
             assert least * (1 - 1e-9) <= decision.cost <= before * (1 + 1e-9), (seed, budget)
@@ -509,7 +508,7 @@ def test_from_every_state_of_dwell_no_command_and_no_plan_breaks_it(steps, budge
             u = tuple(controller.step(x, r).tolist())
             assert u == tuple(decision.u)
             after = tuple(p.periods(j, u[j]) - 1 if u[j] != present[j] else max(0, wait[j] - 1) for j in range(2))
-            assert np.frombuffer(controller._core.wait(), dtype=np.uint32).tolist() == list(after)
+            assert np.frombuffer(controller.core.wait(), dtype=np.uint32).tolist() == list(after)
             if (u, after) not in seen:
                 seen.add((u, after))
                 todo.append((u, after))
@@ -626,9 +625,9 @@ def test_over_one_period_it_is_the_one_step_law():
 def cold(controller):
     """The same commands, dwell and measurements, but no plan to start from."""
     twin = controller.copy()
-    twin._core.preload(
-        np.frombuffer(controller._core.line(), dtype=np.uint8),
-        np.frombuffer(controller._core.wait(), dtype=np.uint32),
+    twin.core.preload(
+        np.frombuffer(controller.core.line(), dtype=np.uint8),
+        np.frombuffer(controller.core.wait(), dtype=np.uint32),
         True,
     )
     return twin
@@ -657,7 +656,7 @@ def test_where_a_search_starts_from_does_not_change_its_cost():
             assert u.tolist() == a.u.tolist()
             for twin in twins:
                 assert twin.step(shown, wanted, **told(p, w)).tolist() == u.tolist()
-                assert twin._core.save() == controller._core.save()
+                assert twin.core.save() == controller.core.save()
             statuses.add(controller.status)
             x = x + 0.1 * rng.standard_normal(len(x))
         assert statuses == set(Status)

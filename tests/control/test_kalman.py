@@ -58,10 +58,10 @@ def transcribed(controller):
         plant.A, plant.B, plant.C, np.hstack([plant.E, loaded]), plant.input_delay, plant.u_offset, plant.y_offset,
         [v.tolist() for v in controller.levels], controller.Ts, objective.Td, np.broadcast_to(objective.lam, (q,)),
         np.ones(q), controller.relative_degree.tolist(), "rest", [0.0] * m, [0.0] * m, [0.0] * m, [],
-        [v[i] for v, i in zip(controller.levels, controller._safe, strict=True)],
+        [v[i] for v, i in zip(controller.levels, controller.actuator.safe, strict=True)],
     )  # fmt: skip
     beyond = chi2.isf(chi2.sf(controller.estimator.gate**2, 1), q) if controller.estimator.gate else 0.0
-    limit = controller._bad_limit
+    limit = controller.design.bad_limit
     return law, Estimator(
         law, kalman.loads, kalman.gain, kalman.innovation, beyond, controller.estimator.gate_limit, limit
     )
@@ -308,11 +308,11 @@ def test_without_samples_the_filter_runs_open_loop(real, bad, length, before):
         law.step(5.0 * k, 100.0)
     for _ in range(length):
         x, load = law.estimate
-        issued = law._history()
+        issued = law.issued
         law.step(bad, 100.0)
         assert law.status is fsw.Status.COASTING
-        Phi, Gamma = np.asarray(law._model.transition), law._model.old.T + law._model.new.T
-        expected = Phi @ x + Gamma @ issued[0] + law._model.disturbance @ load
+        Phi, Gamma = np.asarray(law.model.transition), law.model.old.T + law.model.new.T
+        expected = Phi @ x + Gamma @ issued[0] + law.model.disturbance @ load
         assert law.estimate[0] == pytest.approx(expected, rel=1e-9 if real == "float64" else 1e-4, abs=1e-3)
         assert law.estimate[1] == pytest.approx(load)
     law.step(float(expected[0]), 100.0)
@@ -440,7 +440,7 @@ def test_a_restart_from_what_was_known_goes_on_as_if_nothing_had_happened(real):
         law.step(8.0 * k + np.sin(k), 8.0 * k, disturbance=[100.0])
     x, load = law.estimate
     other = valve_controller(vented, estimator=SENSOR, real=real)
-    other.reset(pending=law._history(), estimate=x, load=load, disturbance=[100.0])
+    other.reset(pending=law.issued, estimate=x, load=load, disturbance=[100.0])
     for k in range(60, 100):
         y = 480.0 + 2.0 * np.sin(k)
         assert law.step(y, 480.0, disturbance=[90.0]) == other.step(y, 480.0, disturbance=[90.0])
@@ -462,9 +462,9 @@ def test_a_known_state_also_starts_a_controller_without_an_estimator():
 def test_decide_changes_nothing_and_foretells_the_step():
     law = valve_controller(estimator=SENSOR)
     for y in (0.0, 3.0, nan, 900.0, 900.0, 900.0, 900.0, 10.0):
-        before = law._core.save()
+        before = law.core.save()
         decision = law.decide(y, 100.0)
-        assert law._core.save() == before
+        assert law.core.save() == before
         assert decision.u == law.step(y, 100.0)
         assert decision.status is law.status
 
@@ -565,8 +565,8 @@ def test_single_precision_estimates_alike():
         y = float(reference[0, 0, 0]) + 2.0 * rng.standard_normal()
         for law in laws:
             law.step(y, reference)
-        laws[1]._core.preload(
-            np.frombuffer(laws[0]._core.line(), np.uint8), np.frombuffer(laws[0]._core.wait(), np.uint32), True
+        laws[1].core.preload(
+            np.frombuffer(laws[0].core.line(), np.uint8), np.frombuffer(laws[0].core.wait(), np.uint32), True
         )
         (x, load), (x32, load32) = (law.estimate for law in laws)
         assert np.abs(x32 - x).max(initial=0.0) < 1e-4 * 16500.0

@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import subprocess
+import tomllib
 from math import isfinite
 from pathlib import Path
 
@@ -12,13 +13,14 @@ import pytest
 
 from core import fuzz
 from core.compiling import COMPILERS, STRICT, compiled
-from places import CORE, TESTS, VECTORS
+from places import CORE, ROOT, TESTS, VECTORS
 from vectors import make
 from vectors.make import number
 
 HERE = Path(__file__).parent
 REALS = {"float64": [], "float32": ["-DFSW_SINGLE"]}
 SOURCES = [CORE / "foreswitch.c", CORE / "horizon.c"]
+HEADERS = [CORE / "foreswitch.h", CORE / "arithmetic.h", CORE / "horizon.h"]
 MOVES = "-DFSW_MAX_MOVES=20"
 BUILDS = {
     "float64": ["-O1", MOVES],
@@ -91,7 +93,25 @@ def test_the_golden_files_are_what_make_writes():
     fresh = {name: json.loads(make.text(content)) for name, content in make.vectors().items()}
     assert sorted(fresh) == [path.stem for path in VECTORS]
     for path in VECTORS:
-        assert_same(fresh[path.stem], json.loads(path.read_text()), path.stem)
+        stored = json.loads(path.read_text())
+        if "horizon" in stored:
+            assert_same(squared_metric(fresh[path.stem]), squared_metric(stored), f"{path.stem}: metric, squared")
+        assert_same(fresh[path.stem], stored, path.stem)
+
+
+def squared_metric(vector):
+    """The metric M of core/horizon.h, taken out, as the quadratic form |M (x, u)|^2 in states and candidates.
+
+    It is a root by eigenvectors: their signs, and rows of eigenvalues that only rounding keeps from zero, are the
+    machine's own.
+    """
+    sizes, design = vector["horizon"], vector["design"]
+    K, n, C = sizes["moves"], sizes["states"], design["candidates"]
+    rows = n + design["inputs"]
+    metric = np.reshape(sizes.pop("metric"), (K, rows, n))
+    from_metric = np.reshape(sizes.pop("from_metric"), (K, C, rows))
+    whole = np.concatenate([metric, from_metric.transpose(0, 2, 1)], axis=2)
+    return np.einsum("kri,krj->kij", whole, whole).ravel().tolist()
 
 
 def assert_same(fresh, stored, where):
@@ -180,7 +200,7 @@ HOLES = {
 
 @pytest.mark.parametrize("hole", HOLES)
 def test_the_bytes_find_a_check_that_is_left_out(tmp_path, hole):
-    for path in (*SOURCES, CORE / "foreswitch.h", CORE / "horizon.h"):
+    for path in (*SOURCES, *HEADERS):
         shutil.copy(path, tmp_path)
     source = tmp_path / "foreswitch.c"
     assert HOLES[hole] in source.read_text()
@@ -237,9 +257,29 @@ def test_the_core_calls_nothing_and_owns_no_writable_data(objects):
 
 
 def test_the_sources_use_neither_heap_nor_stdio():
-    texts = [path.read_text() for path in (*SOURCES, CORE / "foreswitch.h", CORE / "horizon.h")]
+    texts = [path.read_text() for path in (*SOURCES, *HEADERS)]
     headers = {line.split()[1] for text in texts for line in text.splitlines() if line.startswith("#include")}
-    assert headers == {'"foreswitch.h"', '"horizon.h"', '"foreswitch_design.h"', "<stdint.h>"}
+    assert headers == {'"foreswitch.h"', '"arithmetic.h"', '"horizon.h"', '"foreswitch_design.h"', "<stdint.h>"}
+
+
+@pytest.mark.parametrize("path", sorted(CORE.rglob("*.[ch]")), ids=lambda path: path.name)
+def test_each_source_begins_with_version_and_licence(path):
+    package = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    first = path.read_text().splitlines()[0]
+    assert first == f"/* foreswitch {package['version']}, SPDX-License-Identifier: {package['license']} */"
+
+
+def test_the_header_says_the_package_s_version(tmp_path):
+    """As the preprocessor sees it, so that a program may ask."""
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    major, minor = version.split(".")[:2]
+    for wanted, fits in ((minor, True), (int(minor) + 1, False)):
+        source = tmp_path / "ask.c"
+        source.write_text(
+            '#include "foreswitch.h"\n'
+            f"#if FSW_VERSION_MAJOR != {major} || FSW_VERSION_MINOR != {wanted}\n#error another\n#endif\n"
+        )
+        assert compiled(*STRICT, f"-I{CORE}", "-fsyntax-only", source)[0] == fits
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="needs a C++ compiler")

@@ -6,7 +6,7 @@ import pytest
 
 from places import DOCS
 
-CLAIMS = sorted((DOCS / "claims").glob("*.py"))
+CLAIMS = sorted((DOCS / "theory" / "claims").glob("*.py"))
 
 
 @pytest.mark.parametrize("script", CLAIMS, ids=lambda script: script.stem)

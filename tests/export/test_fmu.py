@@ -461,7 +461,7 @@ def test_the_file_is_the_same_each_time(exported, tmp_path):
     with zipfile.ZipFile(tmp_path / "again.fmu") as archive:
         assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
         assert archive.namelist()[0] == "modelDescription.xml"
-        for file in ("foreswitch.c", "foreswitch.h", "horizon.c", "horizon.h", "fmi2.h"):
+        for file in ("foreswitch.c", "foreswitch.h", "arithmetic.h", "horizon.c", "horizon.h", "fmi2.h"):
             assert archive.read(f"sources/{file}") == (CORE / file).read_bytes()
         assert archive.read("sources/fmi.c") == (CORE / "fmi" / "fmi.c").read_bytes()
         binary = next(name for name in archive.namelist() if name.startswith("binaries/"))
@@ -605,14 +605,14 @@ def plant(tmp_path):
 
 @pytest.mark.skipif(fmpy.platform != "linux64", reason="the plant is built for Linux")
 def test_controller_and_plant_are_two_fmus(plant, tmp_path, monkeypatch):
-    """The master of docs/fmu.md, run as it stands there, gives the run of `simulate`."""
+    """The master of docs/guide/fmu.md, run as it stands there, gives the run of `simulate`."""
     law = valve_controller(VALVE.replace(input_names=["valve"], output_names=["pressure [kPa]"]))
     fsw.export_fmu(law, tmp_path / "controller.fmu")
-    page = (DOCS / "fmu.md").read_text()
+    page = (DOCS / "guide/fmu.md").read_text()
     master = next(each for each in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if '"plant.fmu"' in each)
     monkeypatch.chdir(tmp_path)
     names = {}
-    exec(compile(master, "docs/fmu.md", "exec"), names)
+    exec(compile(master, "docs/guide/fmu.md", "exec"), names)
     commands = np.array(names["commands"])
     reference = fsw.Sine(500.0, 2.0, offset=500.0)
     run = fsw.simulate(valve_controller(), reference, len(commands) * 1e-3)

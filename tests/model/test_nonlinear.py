@@ -13,9 +13,10 @@ import pytest
 
 import foreswitch as fsw
 from foreswitch.baselines import Relay
+from places import TESTS
 from systems import RISE, TWO_BY_TWO, VALVE, quiet, valve_controller
 
-FMU = Path(__file__).parent / "fmu"
+FMU = TESTS / "fmu"
 
 
 def as_function(plant):
@@ -397,11 +398,11 @@ def test_files_that_are_no_such_fmu(fmpy, tmp_path, library, description):
     packed(tmp_path / "three.fmu", three, library)
     packed(tmp_path / "elsewhere.fmu", description, library, other)
     for name, message in (
-        ("missing", "is no FMU"),
-        ("text", "is no FMU"),
-        ("empty", "is no FMU"),
-        ("one", "is no FMU|by FMI 2.0"),
-        ("later", "is no FMU|by FMI 2.0"),
+        ("missing", "is not an FMU"),
+        ("text", "is not an FMU"),
+        ("empty", "is not an FMU"),
+        ("one", "is not an FMU|by FMI 2.0"),
+        ("later", "is not an FMU|by FMI 2.0"),
         ("exchange", "offers no co-simulation by FMI 2.0"),
         ("three", "offers no co-simulation by FMI 2.0"),
         ("elsewhere", f"runs on {other}; export it for {fmpy.platform}"),

@@ -164,7 +164,7 @@ def test_lag_of_more_outputs_than_inputs_follows_the_weights():
 def test_an_unstable_plant_has_the_lag_its_ideal_loop_has():
     """A delay-free recursion of the unquantised law, theory [5], in error coordinates."""
     controller = quiet(fsw.Controller, UNSTABLE, FINE, 0.005, fsw.Endpoint(0.05, 40.0))
-    model, rows, s = controller._model, controller._law.rows, controller._law.sliding
+    model, rows, s = controller.model, controller.law.rows, controller.law.sliding
     depth = max(model.delay)
     h = rows.hold[0][0, 0]
     rest = prediction.rest(UNSTABLE).reference[0, 0]

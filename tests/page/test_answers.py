@@ -2,12 +2,14 @@
 
 import json
 import math
+import random
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings, strategies as st
 
 from foreswitch._helpers.json import plain_data
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.model.reference import sample
 from foreswitch.page import jobs, presets
 from foreswitch.page.limits import LIMITS
@@ -174,11 +176,54 @@ def test_each_mistake_is_told_in_one_sentence_beside_its_field(project, path, va
     assert len(sentence) <= LIMITS["sentence"] + 5
 
 
+CHANCE = random.Random(14)
+
+
+def jumble(mistake):
+    """Some other sentence, with words in it that are keys of other tables."""
+    some = ["Ts", "plant", "[reference] has no key 'k'", "levels", "simulation.x0", "the", "is", "holds", "stuck", "t"]
+    return " ".join(CHANCE.choices(some, k=8)) + "; " + " ".join(CHANCE.choices(some, k=3))
+
+
+@pytest.mark.parametrize(
+    ("project", "path", "value", "field"), BROKEN, ids=[f"{p}-{i}" for i, (_, p, _, _) in enumerate(BROKEN)]
+)
+def test_a_mistake_is_beside_its_field_whatever_its_words(monkeypatch, project, path, value, field):
+    """The field is data: no sentence is read."""
+    monkeypatch.setattr(Mistake, "__str__", jumble)
+    made = Mistake.__init__
+
+    def reworded(self, argument, value, remedy, **words):
+        given = {name: word and jumble(self) for name, word in words.items() if name != "key"}
+        made(self, argument, value, jumble(self), **words | given)
+
+    monkeypatch.setattr(Mistake, "__init__", reworded)
+    found, sentence = complaint(changed(project, (path, value)))
+    assert found == field
+    assert ";" in sentence
+
+
+@pytest.mark.parametrize("error", [np.linalg.LinAlgError("Singular matrix"), OverflowError("Result too large"),
+                                   ValueError("array must not contain infs or NaNs"), FloatingPointError("x" * 5000)],
+                         ids=lambda error: type(error).__name__)  # fmt: skip
+def test_what_another_library_finds_is_told_without_a_field(monkeypatch, error):
+    def look(request):
+        raise error
+
+    monkeypatch.setitem(jobs.ANSWERS, "look", look)
+    field, sentence = complaint(HOT)
+    assert field is None
+    assert sentence.startswith(f"the numbers are too extreme to compute with ({str(error)[:20]}")
+    assert sentence.endswith("); choose others")
+    assert len(sentence) <= LIMITS["sentence"] + 5
+
+
 def test_options_and_requests_are_checked_too():
     assert complaint(HOT, options={"delay_error": -0.01})[0] == "options.delay_error"
     assert complaint(HOT, options={"delay_error": "late"})[0] == "options.delay_error"
     assert complaint(HOT, options={"gain_error": -1.0})[0] == "options.gain_error"
     assert complaint(HOT, options={"gain_error": math.nan})[0] == "options.gain_error"
+    assert complaint(HOT, "certify", options={"gain_error": 1.5})[0] == "options.gain_error"
     assert complaint(HOT, options=[1])[0] is None
     assert complaint(HOT, "costs", step=600) == ("step", "step is 600; give a whole number from 0 to 599")
     assert complaint(HOT, "costs", step="first")[0] == "step"

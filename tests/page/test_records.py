@@ -113,17 +113,21 @@ def test_a_structure_may_be_wanted(record):
 
 
 @pytest.mark.parametrize(
-    ("query", "words"),
+    ("query", "words", "field"),
     [
-        ({"input": ["valve"]}, "valve"),
-        ({"time": ["99"]}, "column 99"),
-        ({"time": ["9" * 400]}, "no column"),
-        ({"colour": ["red"]}, "'colour'"),
-        ({"input": ["3"], "output": ["1"]}, ";"),
+        ({"input": ["valve"]}, "valve", "input"),
+        ({"output": ["valve"]}, "valve", "output"),
+        ({"segment": ["valve"]}, "valve", "segment"),
+        ({"time": ["99"]}, "column 99", "time"),
+        ({"time": ["9" * 400]}, "no column", "time"),
+        ({"structure": ["spring"]}, "'spring'", "structure"),
+        ({"colour": ["red"]}, "'colour'", "colour"),
+        ({"time": ["2"]}, "t holds", "time"),
     ],
 )
-def test_columns_that_are_not_there_are_told(record, query, words):
+def test_columns_that_are_not_there_are_told(record, query, words, field):
     error, arrays = identified(record.read_bytes(), **query)
     assert arrays is None
     assert words in error["message"]
+    assert error["field"] == field
     assert len(error["message"]) < 410

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from foreswitch.page import workers
+from foreswitch.page import server, socket, workers
+from foreswitch.page.limits import LONGEST_JOB
 from foreswitch.page.wire import unpack
 from foreswitch.page.workers import Busy, Overrun, Pool
 from page.projects import HOT, INVERTER
@@ -124,6 +125,105 @@ def test_a_process_that_does_not_start_is_tried_again(monkeypatch):
         assert len(tries) == 3
 
     with_pool(scenario)
+
+
+# What is said -----------------------------------------------------------------------------------------------------------
+
+
+class Failing:
+    """A pool whose every job fails so."""
+
+    def __init__(self, error):
+        self.error = error
+
+    async def run(self, choose):
+        if self.error is Overrun:
+            choose()  # it was begun
+        raise self.error
+
+
+def refusal(pool, kind, body=b"{}"):
+    head, found = asyncio.run(socket.run_job(pool, lambda: ({"kind": kind, "id": 5}, body)))
+    assert head["status"] == 422
+    if kind in socket.KINDS:
+        fields = unpack(found)[0]
+        assert (fields["id"], fields["kind"]) == (5, kind)
+        return fields["error"]
+    return json.loads(found)["error"]
+
+
+#: What a client can make smaller, by what it asks: no other kind is told of it.
+SMALLER = {"look": "run", "costs": "run", "certify": "margins", "baseline": "budget", "project": "files",
+           "columns": "upload", "identify": "upload", "export": "run"}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", LONGEST_JOB)
+def test_what_takes_too_long_is_told_how_to_be_shorter(kind):
+    error = refusal(Failing(Overrun), kind)
+    problem, _, remedy = error["message"].partition("; ")
+    assert problem == f"this takes longer than {LONGEST_JOB[kind]:g} s, or more memory than there is"
+    assert SMALLER[kind] in remedy
+    assert ("run" in remedy) is (kind not in ("project", "columns", "identify")), "an upload has no run"
+    assert error["field"] is None
+
+
+def test_every_kind_of_job_has_its_limit_and_its_remedy():
+    assert set(LONGEST_JOB) == set(socket.REMEDIES) == {*socket.KINDS, "project", "columns", "identify", "export"}
+
+
+@pytest.mark.parametrize("kind", LONGEST_JOB)
+def test_where_too_much_is_asked_at_once_only_waiting_helps(kind):
+    assert refusal(Failing(Busy), kind)["message"] == "the page has too much to do at present; try again in a moment"
+
+
+def test_a_slow_upload_is_told_to_be_smaller(monkeypatch):
+    """By the processes themselves: 40 000 rows in no time at all."""
+    monkeypatch.setitem(LONGEST_JOB, "columns", 0.001)
+    rows = b"t,u,y\n" + b"".join(b"%d,0,1\n" % i for i in range(40_000))
+
+    async def scenario(pool, seen):
+        seen |= pids(pool)
+        _, body = await socket.run_job(pool, lambda: ({"kind": "columns"}, rows))
+        assert json.loads(body)["error"]["message"].endswith("; make the upload smaller")
+
+    with_pool(scenario)
+
+
+def test_an_upload_that_does_not_arrive_is_told_to_be_smaller(monkeypatch):
+    monkeypatch.setattr(server, "SLOWEST_UPLOAD", 0.05)
+    site = server.application({}, hosts={"127.0.0.1:80"}, port=80, token=None)
+    headers = [(b"host", b"127.0.0.1:80"), (b"origin", b"http://127.0.0.1:80"), (b"content-length", b"100")]
+    scope = {"type": "http", "http_version": "1.1", "method": "POST", "scheme": "http", "path": "/columns",
+             "raw_path": b"/columns", "query_string": b"", "headers": headers, "server": ("127.0.0.1", 80)}  # fmt: skip
+    sent = []
+
+    async def run():
+        async def receive():
+            await asyncio.Event().wait()
+
+        async def send(message):
+            sent.append(message)
+
+        await site(scope, receive, send)
+
+    asyncio.run(run())
+    assert sent[0]["status"] == 408
+    error = json.loads(sent[1]["body"])["error"]
+    assert error["message"] == "the upload took longer than 0.05 s; make it smaller, or try again"
+
+
+def test_a_queue_that_does_not_move_is_busy(monkeypatch):
+    """No process becomes free: nothing is wrong with the job, and nothing of it need be smaller."""
+    monkeypatch.setattr(workers, "LOADING", 0.05)
+
+    async def run():
+        with pytest.raises(Busy):
+            await Pool(1).run(lambda: LOOK)  # whose processes were never started
+
+    asyncio.run(run())
+
+
+# Bounds ---------------------------------------------------------------------------------------------------------------
 
 
 def test_memory_is_bounded():

@@ -9,8 +9,16 @@ import numpy as np
 import pytest
 
 import foreswitch as fsw
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.project.project import Project
-from foreswitch.project.tables import ControllerTable, EstimatorTable, HardwareTable
+from foreswitch.project.tables import (
+    CONTROLLER_KEYS,
+    SIMULATION_KEYS,
+    TABLES,
+    ControllerTable,
+    EstimatorTable,
+    HardwareTable,
+)
 from places import EXAMPLES
 
 HOT_GAS = EXAMPLES / "hot_gas/project.toml"
@@ -70,7 +78,7 @@ def test_every_optional_key_in_the_commented_file_is_accepted():
         ("actuator.levels", "a", "actuator.levels is 'a'"),
         ("actuator.levels", [1, 0], "they must ascend"),
         ("actuator.levels", [1], "give 2 to 255 levels"),
-        ("actuator.Ts", 0.0, "Ts is 0; it must be greater than 0"),
+        ("actuator.Ts", 0.0, "Ts is 0.0; it must be greater than 0"),
         ("plant", None, "table [plant] is missing"),
         ("plant.model", "fobdt", "plant.model is 'fobdt'; give 'integrator_lag'"),
         ("plant.k", float("nan"), "plant.k is nan"),
@@ -85,11 +93,11 @@ def test_every_optional_key_in_the_commented_file_is_accepted():
         ("simulation.disturbance", {"gian": 1.0, "high": 3.0}, "unknown key 'gian'; did you mean 'gain'?"),
         ("simulation.disturbance", "a", "simulation.disturbance is 'a'; it holds: measured w"),
         ("simulation.disturbance", [{"kind": "sine", "frequenzy": 3.0}], "did you mean 'frequency'?"),
-        ("simulation.disturbance", [{"kind": "sin"}], "simulation.disturbance.kind is 'sin'; give 'constant'"),
-        ("simulation.disturbance", [{"kind": "sine"}], "[simulation.disturbance] has no key 'amplitude'"),
-        ("simulation.disturbance", [{"kind": "constant", "value": "a"}], "[simulation.disturbance] value is 'a'"),
+        ("simulation.disturbance", [{"kind": "sin"}], "simulation.disturbance.0.kind is 'sin'; give 'constant'"),
+        ("simulation.disturbance", [{"kind": "sine"}], "[simulation.disturbance.0] has no key 'amplitude'"),
+        ("simulation.disturbance", [{"kind": "constant", "value": "a"}], "[simulation.disturbance.0] value is 'a'"),
         ("simulation.disturbance", [{"kind": "constant", "value": 1.0}] * 2, "[simulation.disturbance] stands 2 time"),
-        ("reference", [{"kind": "ramp", "slope": 1.0}, {"kind": "ramp", "slope": "b"}], "reference.slope is 'b'"),
+        ("reference", [{"kind": "ramp", "slope": 1.0}, {"kind": "ramp", "slope": "b"}], "reference.1.slope is 'b'"),
         ("simulation.plant", {"model": "fopdt", "K": 1.0}, "[simulation.plant] has no key 'T'"),
         ("simulation.hardware", 3, "simulation.hardware is 3; it holds: what real actuators and sensors add"),
         (
@@ -104,11 +112,15 @@ def test_every_optional_key_in_the_commented_file_is_accepted():
         ("simulation.hardware", {"outages": [[2.0, 1.0]]}, "outages holds (2.0, 1.0); give (start, end) pairs"),
         ("simulation.hardware", {"outages": [1.0, 2.0]}, "simulation.hardware.outages is [1.0, 2.0]; it holds: times"),
         ("simulation.hardware", {"stuck": 1.0}, "simulation.hardware.stuck is 1.0; it holds: actuators that stay"),
-        ("simulation.hardware", {"stuck": [{"start": 1.0}]}, "[simulation.hardware.stuck] has no key 'level'"),
+        ("simulation.hardware", {"stuck": [{"start": 1.0}]}, "[simulation.hardware.stuck.0] has no key 'level'"),
         ("simulation.hardware", {"stuck": [{"inptu": 1}]}, "unknown key 'inptu'; did you mean 'input'?"),
-        ("simulation.hardware", {"stuck": [{"level": "x"}]}, "stuck.level is 'x'; it holds: where the actuator stays"),
+        (
+            "simulation.hardware",
+            {"stuck": [{"level": "x"}]},
+            "stuck.0.level is 'x'; it holds: where the actuator stays",
+        ),
         ("simulation.hardware", {"stuck": [{"level": 1.0, "input": -1}]}, "input is -1; give 0 for the first"),
-        ("simulation.hardware", {"stuck": [{"level": 1.0, "start": 2.0, "end": 1.0}]}, "end is 1; it must be later"),
+        ("simulation.hardware", {"stuck": [{"level": 1.0, "start": 2.0, "end": 1.0}]}, "end is 1.0; it must be later"),
         ("simulation.hardware", {"drift": {"model": "fopdt", "K": 1.0}}, "[simulation.hardware.drift] has no key 'T'"),
         ("simulation.hardware", {"drift": {"kk": 1.0}}, "[simulation.hardware.drift] has an unknown key 'kk'; did you"),
     ],
@@ -119,6 +131,46 @@ def test_a_mistake_is_one_sentence_that_names_it(content, path, value, words):
     sentence = str(caught.value)
     assert words in sentence
     assert "\n" not in sentence
+    assert caught.value.key.startswith(path if isinstance(value, dict) else path.rpartition(".")[0])
+    assert caught.value.remedy
+
+
+def key_of(act):
+    with pytest.raises(Mistake) as caught:
+        act()
+    return caught.value.key
+
+
+def test_what_the_file_says_bears_its_key_and_what_the_caller_says_does_not(content):
+    """Of the design, the run, the certificate and the laws of today."""
+    short = Project(changed(content, "simulation.x0", [1.0]))
+    assert key_of(short.simulate) == "simulation.x0"
+    assert key_of(lambda: short.simulate(x0=[1.0])) is None
+    assert key_of(short.certify) == "simulation.x0"
+    assert key_of(lambda: short.certify(noise=-1.0, x0=None)) is None
+    assert key_of(lambda: short.tune(fsw.baselines.Relay, budget=2)) == "simulation.x0"
+    noisy = Project(changed(content, "simulation.hardware", {"quantum": [1.0, 2.0, 3.0]}))
+    assert key_of(noisy.simulate) == "simulation.hardware.quantum"
+    assert key_of(lambda: noisy.simulate(hardware=fsw.Hardware(quantum=[1.0, 2.0, 3.0]))) is None
+    fine = Project(content)
+    assert key_of(lambda: fine.build_controller(Ts=0.0)) is None
+    assert key_of(lambda: fine.build_controller(Td=1e-9)) is None
+    assert key_of(lambda: fine.build_controller(objective=fsw.Endpoint(1e-9, 1.0))) is None
+    assert key_of(lambda: fine.build_controller(plant=fsw.Plant.fopdt(1.0, 1.0, 1e4))) is None
+    assert key_of(lambda: fine.build_controller(Ts=1.0)) == "controller.Td"  # it is the file's that does not fit
+    assert key_of(lambda: fine.build_baseline(fsw.baselines.Relay, hysteresis=-1.0)) is None
+    assert key_of(lambda: Project(changed(content, "actuator.min_on", 1e9))) == "actuator.min_on"
+
+
+def test_every_argument_of_a_table_has_one_key():
+    """Of the tables that one call takes its arguments from: none may stand for two keys."""
+    of_a_controller = [TABLES[name].keys_at(name) for name in ("plant", "actuator", "controller", "estimator")]
+    assert sum(map(len, of_a_controller)) + 4 == len(CONTROLLER_KEYS)  # and the tables themselves
+    of_a_run = [TABLES[name].keys_at(name) for name in ("simulation", "simulation.hardware")]
+    assert sum(map(len, of_a_run)) + 1 == len(SIMULATION_KEYS)
+    for key in {*CONTROLLER_KEYS.values(), *SIMULATION_KEYS.values()}:
+        table, _, name = key.rpartition(".")
+        assert key in TABLES or name in TABLES[table].model_fields
 
 
 def test_the_truth_may_differ_from_the_model(content):

@@ -16,7 +16,7 @@ NEAR_TIE = 1e-3
 @pytest.mark.parametrize("name", NAMES)
 def test_single_precision_differs_in_near_ties_only(name, record_property):
     project = Project.read(EXAMPLES / name / "project.toml").with_seed(0)
-    settings = project._settings(project.reference, project.controller.Ts, {})
+    settings = project.simulation_settings()
     duration = settings.pop("duration")
     found = fsw.compare_precision(project.controller, project.reference, duration, **settings)
     for key in ("commands_differing", "first", "decisions", "decisions_differing", "gaps"):

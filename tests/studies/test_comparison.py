@@ -383,8 +383,8 @@ def test_a_project_builds_and_tunes_baselines_for_its_own_actuator():
     content["simulation"]["plant"] = content["plant"] | {"k": 12000.0}
     project = Project(content)
     law = project.build_baseline(Relay, hysteresis=3.0)
-    assert (law.hysteresis, law.Ts, law._safe) == (3.0, 1e-3, [1])
-    assert [list(dwell) for dwell in law._dwell] == [[4, 3]]
+    assert (law.hysteresis, law.Ts, law.safe) == (3.0, 1e-3, [1])
+    assert [list(dwell) for dwell in law.dwell] == [[4, 3]]
     assert law.plant is project.plant
     best = project.tune(PIPWM, budget=20, seed=5)
     assert best.run.plant is project.truth

@@ -284,7 +284,7 @@ def test_values_and_distributions_as_text(text, meaning):
         ({"controller.Td": []}, "controller.Td has no values"),
         ({"controller.Td": [0.01, 0.01]}, "lists 0.01 twice"),
         ({"controller.Td": "0.01,,0.02"}, "has an empty entry"),
-        ({"controller.Td": "[0.01"}, "is no value"),
+        ({"controller.Td": "[0.01"}, "is not a value"),
         ({"controller.Td": "unifrom(0, 1)"}, "calls 'unifrom'; did you mean 'uniform'"),
         ({"controller.Td": "uniform(1)"}, r"give uniform\(low, high\)"),
         ({"controller.Td": "uniform(2, 1)"}, "low is 2 and high 1"),
@@ -416,7 +416,7 @@ def test_pictures_of_other_shapes():
     [
         (("rms",), "metric is 'rms'; known are max_error"),
         ((None, {"gain_error": 3.0}), "at has gain_error = 3; its values are -0.1, 0.1"),
-        ((None, {"gain": 3.0}), "at has 'gain', which is no axis; known are controller.Td, gain_error"),
+        ((None, {"gain": 3.0}), "at has 'gain', which is not an axis; known are controller.Td, gain_error"),
     ],
 )
 def test_pictures_of_what_is_not_there_are_refused(table, arguments, message):
@@ -491,7 +491,7 @@ def test_another_version_is_another_study(tmp_path):
     with pytest.raises(ValueError, match="its version of foreswitch differs"):
         fsw.study(project(), out=tmp_path)
     (tmp_path / "study.json").write_text("{}")
-    with pytest.raises(ValueError, match="is no manifest of a study"):
+    with pytest.raises(ValueError, match="is not the manifest of a study"):
         fsw.study(project(), out=tmp_path)
     (tmp_path / "file").write_text("")
     with pytest.raises(ValueError, match="a file; give a folder"):

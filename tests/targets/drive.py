@@ -11,21 +11,16 @@ import numpy as np
 import foreswitch as fsw
 from foreswitch import Controller
 from foreswitch._binding import CORES, REALS
-from foreswitch.export.header import SIZES
 from targets.harness import HERE, Image, Target
 
 END, STEP, DECIDE_AND_STEP, PRELOAD, START, INIT, TRACK, MISSED, SAFE = range(9)
 
 
-def law_sizes(law: Controller) -> dict[str, int]:
-    return dict(zip(SIZES.split(), law._parts[0], strict=True))
-
-
 def saved_state(law: Controller) -> Callable[[bytes], bytes]:
     """From what the binding saves to the values that add_state of drive.c sums up."""
-    core, sizes = CORES[law.real], law_sizes(law)
-    n, m, p, rows = (sizes[key] for key in ("states", "inputs", "disturbances", "rows"))
-    moves = law._parts[2][0][1] if law._parts[2] else 0
+    core, design = CORES[law.real], law.design
+    n, m, p, rows = design.states, design.inputs, design.disturbances, design.rows
+    moves = design.horizon.moves if design.horizon else 0
     real = np.dtype(REALS[law.real])
     layout = np.dtype(
         [("x", real, core.MAX_STATES), ("w", real, core.MAX_DISTURBANCES), ("wait", "<u4", core.MAX_INPUTS),
@@ -52,22 +47,22 @@ class Script:
 
     def __init__(self, law: Controller) -> None:
         self.law = law.copy()
-        self.core, self.real = self.law._core, REALS[law.real]
-        self.sizes = law_sizes(law)
+        self.core, self.real = self.law.core, REALS[law.real]
+        self.design = law.design
         self.stream, self.sum = bytearray(), 0
         self.answers: list[bytes] = []
         self.u: list[np.ndarray] = []
         self.status: list[int] = []
         self.costs: list[np.ndarray | None] = []
         self.state = saved_state(law)
-        self.restart(np.array([law._safe] * self.sizes["rows"]), np.zeros(law.plant.inputs))
+        self.restart(np.array([law.actuator.safe] * self.design.rows), np.zeros(law.plant.inputs))
 
     # ---- Operations ----
 
     def restart(self, line: np.ndarray, wait: np.ndarray) -> None:
         """Begin anew, from known commands, oldest first, and periods that each input must still keep its level."""
         line, wait = line.astype(np.uint8).ravel(), wait.astype(np.uint32)
-        safe = np.array([self.law._safe] * self.sizes["rows"], dtype=np.uint8).ravel()
+        safe = np.array([self.law.actuator.safe] * self.design.rows, dtype=np.uint8).ravel()
         self.stream += bytes([INIT])
         self.core.preload(safe, np.zeros_like(wait))
         self.answer(bytes([0]))
@@ -90,7 +85,7 @@ class Script:
         with np.errstate(over="ignore"):
             told = b"".join(values.astype(self.real).tobytes() for values in given)
         self.stream += bytes([DECIDE_AND_STEP if look else STEP]) + told
-        costs = np.empty(self.sizes["candidates"])
+        costs = np.empty(self.design.candidates)
         shape = (-1, self.law.plant.outputs, self.law.order)
         passed = given[0], given[1].reshape(shape), given[2]
         candidate, cost, nodes, status, gap = self.core.decide(*passed, costs)
@@ -119,7 +114,7 @@ class Script:
     def safe(self, x: Sequence[float] | None, w: Sequence[float] = ()) -> None:
         """A period at the safe levels."""
         self.core.safe(*self.measured(SAFE, x, w))
-        levels = [values[i] for values, i in zip(self.law.levels, self.law._safe, strict=True)]
+        levels = [values[i] for values, i in zip(self.law.levels, self.law.actuator.safe, strict=True)]
         self.answer(np.array(levels, dtype=self.real).tobytes() + bytes([0]))
 
     def measured(self, operation: int, x: Sequence[float] | None, w: Sequence[float]) -> tuple[Any, Any]:
@@ -167,7 +162,7 @@ def core_sources(folder: Path) -> list[Path]:
 
 def program(folder: Path, law: Controller, target: Target, *flags: str, level: str = "-O2") -> Image:
     """drive.c round the exported controller."""
-    source, sizes = exported(folder / "exported", law), law_sizes(law)
-    values = law.evaluations * sizes["outputs"] * sizes["order"]
-    given = [f"-I{source}", f"-DDRIVE_REFERENCE={values}", f"-DDRIVE_CANDIDATES={sizes['candidates']}"]
+    source, design = exported(folder / "exported", law), law.design
+    values = law.evaluations * design.outputs * design.order
+    given = [f"-I{source}", f"-DDRIVE_REFERENCE={values}", f"-DDRIVE_CANDIDATES={design.candidates}"]
     return target.build(folder / target.name, [HERE / "drive.c", *core_sources(source)], *given, *flags, level=level)

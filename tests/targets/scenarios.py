@@ -82,14 +82,14 @@ def long_run(name: str, real: str, steps: int, seed: int = 0) -> Script:
     lasting = 3  # nothing usable to begin with
     for k in range(steps):
         if k % 1000 == 700:  # power comes back: commands are under way, a dwell is running
-            rows, m = script.sizes["rows"], law.plant.inputs
-            commands = law._actuator.candidates.reshape(-1, m)
+            rows, m = script.design.rows, law.plant.inputs
+            commands = law.actuator.candidates.reshape(-1, m)
             line = commands[rng.integers(len(commands), size=rows)]
             wait = rng.integers(0, 4, size=m) if k % 2000 == 700 else np.full(m, FOREVER) - rng.integers(0, 3, size=m)
             script.restart(line, wait.astype(np.uint32))
         elif k % 1000 == 730:  # a dwell that never ends would leave nothing to decide
-            script.restart(np.tile(law._safe, (script.sizes["rows"], 1)), np.zeros(law.plant.inputs, np.uint32))
-            script.start(rng.normal(size=law.plant.states), rng.normal(size=script.sizes["disturbances"]))
+            script.restart(np.tile(law.actuator.safe, (script.design.rows, 1)), np.zeros(law.plant.inputs, np.uint32))
+            script.start(rng.normal(size=law.plant.states), rng.normal(size=script.design.disturbances))
         phase = 2.0 * np.pi * (k + times / law.Ts)[:, None] / (300.0 + 40.0 * np.arange(q))
         reference = np.zeros((len(times), q, law.order))
         reference[:, :, 0] = 0.5 * size * (1.0 - np.cos(phase))
@@ -113,13 +113,13 @@ def long_run(name: str, real: str, steps: int, seed: int = 0) -> Script:
         elif kind == 4:
             y[:] = -0.0
         if k % 400 in range(300, 306):  # by hand, now and then without a measurement
-            commands = law._actuator.candidates.reshape(-1, law.plant.inputs)
+            commands = law.actuator.candidates.reshape(-1, law.plant.inputs)
             command = commands[rng.integers(len(commands))]
             script.track(command, None if k % 5 == 0 else y, told)
             u = np.array([levels[i] for levels, i in zip(law.levels, command, strict=True)])
         elif k % 400 == 350:
             script.safe(y, told)
-            u = np.array([levels[i] for levels, i in zip(law.levels, law._safe, strict=True)])
+            u = np.array([levels[i] for levels, i in zip(law.levels, law.actuator.safe, strict=True)])
         else:
             u = script.step(y, reference, told, look=k % 25 == 0)
         truth.advance(u, w)

@@ -22,26 +22,6 @@ from oracles import horizon as horizon_oracle  # noqa: E402
 from oracles.kalman import Estimator, riccati_gain, usable  # noqa: E402
 from oracles.law import Law  # noqa: E402
 
-SIZES = [
-    "states", "inputs", "outputs", "disturbances", "order", "rows", "candidates", "bad_limit", "measured", "loads",
-    "gate_limit",
-]  # fmt: skip
-ARRAYS = [
-    "level_count", "pending", "holds", "exact_levels", "levels", "candidate", "safe", "state_row", "disturbance_row",
-    "offset", "reference_row", "half_weight", "pending_table", "hold_row", "total_row", "rest_reference",
-    "rest_disturbance", "rest_offset", "dwell", "switch_cost", "model_x", "model_old", "model_new", "model_w", "model_c",
-    "gain", "output_row", "output_offset", "start_row", "start_offset", "gate",
-]  # fmt: skip
-HORIZON_SIZES = [
-    "steps", "moves", "states", "order", "lead", "terminal", "tail", "exclusive", "dominance", "patience", "node_budget",
-]  # fmt: skip
-HORIZON_ARRAYS = [
-    "start_row", "start_disturbance", "start_offset", "pending_table", "drift", "drift_disturbance", "row_disturbance",
-    "row_offset", "reference_row", "terminal_reference", "terminal_disturbance", "terminal_offset", "F", "G", "S",
-    "root_weight", "T", "move_weight", "lift", "lift_centre", "last_value", "hull", "value", "effect", "gain",
-    "gain_previous", "pull", "place", "from_place", "metric", "from_metric", "switch_cost", "level", "dwell",
-]  # fmt: skip
-
 PAPER = {
     "A": [[0.0, 1.0], [0.0, -1.0 / 0.006]], "B": [[0.0], [16500.0 / 0.006]], "C": [[1.0, 0.0]],
     "delay": [0.005], "levels": [[0.0, 1.0]], "Ts": 0.001, "Td": 0.020, "lam": [2500.0], "r": [2],
@@ -266,22 +246,26 @@ def controller(case, real="float64"):
     return result
 
 
+#: Tables that the sizes of others follow from; they come first.
+FIRST = ("level_count", "pending", "holds")
+
+
 def design(made):
-    """The core's sizes and arrays by name."""
-    sizes, arrays, _ = made._parts
-    named = dict(zip(SIZES, sizes, strict=True))
-    named |= {name: None if array is None else array.tolist() for name, array in zip(ARRAYS, arrays, strict=True)}
-    del named["exact_levels"]
-    return named
+    """The core's sizes and tables by name."""
+    return named(made.design, FIRST)
 
 
 def horizon_design(made):
-    """The same of its horizon."""
-    sizes, far, arrays = made._parts[2]
-    named = dict(zip(HORIZON_SIZES, sizes, strict=True)) | {"far": far}
-    return named | {
-        name: None if array is None else array.tolist() for name, array in zip(HORIZON_ARRAYS, arrays, strict=True)
-    }
+    """The same of its horizon, without what it has from the design around it."""
+    return named(made.design.horizon)
+
+
+def named(part, first=()):
+    """Numbers, then tables as lists."""
+    sizes = {each.name: getattr(part, each.name) for each in part.scalars() if not each.metadata["shared"]}
+    tables = {each.name: getattr(part, each.name) for each in part.tables() if not each.metadata["host"]}
+    tables = {name: tables[name] for name in first} | tables
+    return sizes | {name: None if values is None else values.tolist() for name, values in tables.items()}
 
 
 def decided(costs, margin):

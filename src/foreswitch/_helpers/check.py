@@ -1,4 +1,4 @@
-"""Argument checks shared by all modules: each failure is one sentence naming argument, value and remedy."""
+"""Argument checks shared by all modules: each failure is a `Mistake` in the argument of the given name."""
 
 import math
 from collections.abc import Sequence
@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from foreswitch._helpers.mistake import Mistake
 
 __all__ = ["Array", "array", "matrix", "names", "number", "per", "periods", "vector"]
 
@@ -21,29 +23,32 @@ def number(name: str, value: Any, *, above: float | None = None, least: float | 
         if isinstance(value, str) or np.ndim(value) > 0:
             raise TypeError
         result = float(value)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} is {value!r}; give one number") from None
+    except (TypeError, ValueError, OverflowError):
+        raise Mistake(name, value, "give one number") from None
     if not math.isfinite(result):
-        raise ValueError(f"{name} is {result}; give a finite number")
+        raise Mistake(name, value, "give a finite number")
     if above is not None and result <= above:
-        raise ValueError(f"{name} is {result:g}; it must be greater than {above:g}")
+        raise Mistake(name, value, f"it must be greater than {above:g}")
     if least is not None and result < least:
-        raise ValueError(f"{name} is {result:g}; it must be at least {least:g}")
+        raise Mistake(name, value, f"it must be at least {least:g}")
     return result
 
 
-def array(name: str, value: ArrayLike, shape: tuple[int, ...] | None = None) -> Array:
-    """A finite float64 array, of ``shape`` if given, own memory and read-only."""
+def array(
+    name: str, value: ArrayLike, shape: tuple[int, ...] | None = None, *, ndmin: int = 0, subject: str | None = None
+) -> Array:
+    """A finite float64 array, of ``shape`` if given, own memory and read-only; ``subject`` is that of the mistake."""
     try:
         if value is None:
             raise TypeError
-        result = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} is {value!r}; give numbers in a rectangular array") from None
+        result = np.array(value, dtype=np.float64, ndmin=ndmin)
+    except (TypeError, ValueError, OverflowError):
+        raise Mistake(name, value, "give numbers in a rectangular array", subject=subject) from None
     if shape is not None and result.shape != shape:
-        raise ValueError(f"{name} has shape {result.shape}; shape {shape} is needed")
+        problem = f"has shape {result.shape}"
+        raise Mistake(name, value, f"shape {shape} is needed", problem=problem, subject=subject)
     if not np.isfinite(result).all():
-        raise ValueError(f"{name} holds NaN or infinity; give finite numbers")
+        raise Mistake(name, value, "give finite numbers", problem="holds NaN or infinity", subject=subject)
     result.flags.writeable = False
     return result
 
@@ -54,10 +59,10 @@ def vector(name: str, value: ArrayLike, size: int, what: str) -> Array:
         if value is None:
             raise TypeError
         result = np.ascontiguousarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} is {value!r}; give {size} number(s)") from None
+    except (TypeError, ValueError, OverflowError):
+        raise Mistake(name, value, f"give {size} number(s)") from None
     if result.shape != (size,):  # ascontiguousarray has made a number a vector
-        raise ValueError(f"{name} has shape {np.shape(value)}; the {what} has shape ({size},)")
+        raise Mistake(name, value, f"the {what} has shape ({size},)", problem=f"has shape {np.shape(value)}")
     return result
 
 
@@ -71,7 +76,7 @@ def matrix(name: str, value: ArrayLike, rows: int | None = None, columns: int | 
     fits = result.ndim == 2 and (rows is None or result.shape[0] == rows)
     if not fits or (columns is not None and result.shape[1] != columns):
         need = " x ".join("any" if size is None else str(size) for size in (rows, columns))
-        raise ValueError(f"{name} has shape {result.shape}; a matrix of {need} is needed")
+        raise Mistake(name, value, f"a matrix of {need} is needed", problem=f"has shape {result.shape}")
     result.flags.writeable = False
     return result
 
@@ -80,9 +85,10 @@ def per(name: str, value: ArrayLike, count: int, what: str, *, least: float | No
     """One value for all, or one per item."""
     values = array(name, value)
     if values.ndim > 1 or (values.ndim == 1 and values.size != count):
-        raise ValueError(f"{name} has shape {values.shape}; give one number or one per {what} ({count})")
+        remedy = f"give one number or one per {what} ({count})"
+        raise Mistake(name, value, remedy, problem=f"has shape {values.shape}")
     if least is not None and (values < least).any():
-        raise ValueError(f"{name} is {value!r}; it must be at least {least:g}")
+        raise Mistake(name, value, f"it must be at least {least:g}")
     result = np.broadcast_to(values, (count,)).copy()
     result.flags.writeable = False
     return result
@@ -94,9 +100,9 @@ def names(name: str, value: Sequence[str] | str | None, count: int, prefix: str)
         return (prefix,) if count == 1 else tuple(f"{prefix}{i + 1}" for i in range(count))
     given = (value,) if isinstance(value, str) else tuple(str(item) for item in value)
     if len(given) != count:
-        raise ValueError(f"{name} is {list(given)}; {count} name(s) are needed")
+        raise Mistake(name, list(given), f"{count} name(s) are needed")
     if len(set(given)) != count:
-        raise ValueError(f"{name} is {list(given)}; each name may stand once")
+        raise Mistake(name, list(given), "each name may stand only once")
     return given
 
 

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
+from foreswitch._helpers.mistake import Mistake
+
 __all__ = ["whole_file", "whole_folder", "write_whole"]
 
 
@@ -57,7 +59,8 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
             raise FileExistsError(17, "it is a file")
         work = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
     except OSError as error:
-        raise ValueError(f"{path} cannot be written ({error.strerror}); give another folder") from None
+        problem = f"cannot be written ({error.strerror})"
+        raise Mistake("path", path, "give another folder", problem=problem, subject=str(path)) from None
     try:
         yield work
         if not target.exists():
@@ -79,4 +82,5 @@ def _judge(places: Iterable[Path], target: Path) -> None:
         hurdle = next((up for up in place.parents if up.exists() and not up.is_dir()), None)
         if place.is_dir() or hurdle is not None:
             kind = "folder" if hurdle is None else "file"
-            raise ValueError(f"{target} cannot be written ({hurdle or place} is a {kind}); give another folder")
+            problem = f"cannot be written ({hurdle or place} is a {kind})"
+            raise Mistake("path", target, "give another folder", problem=problem, subject=str(target))

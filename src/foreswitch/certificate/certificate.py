@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake
 from foreswitch._helpers.text import tree
 from foreswitch.certificate import margins, plots, reasons, report
 from foreswitch.certificate.error_dynamics import ErrorLoop
@@ -93,8 +94,9 @@ def certify(
     └─ errors  none
     """
     if not isinstance(controller, Controller):
-        raise ValueError(f"controller is a {type(controller).__name__}; give a Controller")
-    measured, what = controller._measured
+        problem = f"is a {type(controller).__name__}"
+        raise Mistake("controller", controller, "give a Controller", problem=problem)
+    measured, what = controller.measured
     inputs = controller.plant.inputs
     errors = Errors(
         check.per("noise", noise, measured, what, least=0.0),
@@ -103,7 +105,7 @@ def certify(
         check.per("load", load, inputs, "input", least=0.0),
     )
     if (errors.gain >= 1.0).any():
-        raise ValueError(f"gain_error is {gain_error!r}; it must be less than 1, or the input may do nothing")
+        raise Mistake("gain_error", gain_error, "it must be less than 1, or the input may do nothing")
     course = None if reference is None else Course(controller, reference, duration, x0, disturbance)
     return Certificate(controller, errors, course)
 
@@ -155,13 +157,13 @@ class Certificate:
         self.holds, self.reasons = False, [reasons.unproven(controller)]
         if self.reasons[0]:
             return
-        self._loop = ErrorLoop(controller)
-        self._quantiser = Quantiser(self._loop)
-        self.poles = self._loop.poles
+        self.loop = ErrorLoop(controller)
+        self._quantiser = Quantiser(self.loop)
+        self.poles = self.loop.poles
         try:
-            self._judge(self._loop, self._quantiser)
+            self._judge(self.loop, self._quantiser)
         except Unsettled:
-            self.reasons = [reasons.unstable(self._loop, self.errors)]
+            self.reasons = [reasons.unstable(self.loop, self.errors)]
 
     def _judge(self, loop: ErrorLoop, quantiser: Quantiser) -> None:
         if not loop.settles:
@@ -217,9 +219,10 @@ class Certificate:
         ValueError
             If there is no stable ideal loop, or an argument does not fit.
         """
-        if not self.poles.size or not self._loop.settles:
-            raise ValueError(f"controller has no ideal response: {self.reasons[0]}")
-        return ideal_run(self._loop, Course(self.controller, reference, duration, x0, disturbance))[0]
+        if not self.poles.size or not self.loop.settles:
+            remedy = f"change what this reason names: {self.reasons[0]}"
+            raise Mistake("controller", self.controller, remedy, problem="has no ideal response")
+        return ideal_run(self.loop, Course(self.controller, reference, duration, x0, disturbance))[0]
 
     # ---- How much is left ----
 
@@ -281,8 +284,9 @@ class Certificate:
             If nothing is proven, or there is no reference.
         """
         if not self.holds or self.course is None:
-            raise ValueError("there is no band to draw; certify a design that holds, with a reference")
-        y, u = ideal_run(self._loop, self.course)
+            remedy = "certify a design that holds, with a reference"
+            raise Mistake("reference", None, remedy, problem="is no band to draw", subject="there")
+        y, u = ideal_run(self.loop, self.course)
         return plots.band(self.course, y, u, self.error_bound, self.input_range, run)
 
     def summary(self, *, margins: bool = True) -> dict[str, Any]:

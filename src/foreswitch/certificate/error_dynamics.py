@@ -27,7 +27,7 @@ from scipy.linalg import expm
 from foreswitch._helpers.check import Array
 from foreswitch.certificate.model_errors import Errors, Windows
 from foreswitch.certificate.peak_gain import Recursion, Unsettled
-from foreswitch.control.endpoint import EndpointDesign
+from foreswitch.control.endpoint import EndpointLaw
 from foreswitch.control.objective import Endpoint
 from foreswitch.model.prediction import transition
 
@@ -66,7 +66,7 @@ class ErrorLoop:
 
     def __init__(self, controller: Controller) -> None:
         plant, Ts = controller.plant, controller.Ts
-        law, Td = cast(EndpointDesign, controller._law), cast(Endpoint, controller.objective).Td
+        law, Td = cast(EndpointLaw, controller.law), cast(Endpoint, controller.objective).Td
         self.controller, self.plant, self.law, self.Ts = controller, plant, law, Ts
         self.windows = Windows(plant, controller.levels, Ts)
         A, ahead = plant.A, self.windows.longest - plant.input_delay
@@ -82,7 +82,7 @@ class ErrorLoop:
         self.choice = self.inverse @ U.T * weigh.T
         self.gain = -self.inverse @ (U.T @ (S @ expm(A * Td)))
         self.M = self.phi + self.gamma @ self.gain
-        self.commands = controller._actuator.values(controller._actuator.candidates)
+        self.commands = controller.actuator.values(controller.actuator.candidates)
 
     @cached_property
     def poles(self) -> np.ndarray[Any, np.dtype[np.complex128]]:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.control.controller import Controller
 from foreswitch.model.reference import sample
 from foreswitch.simulation.loop import sampled
@@ -43,7 +44,7 @@ class Course:
         self.t = np.arange(self.steps + 1) * Ts
         self.x0: Array = np.zeros(plant.states)
         if x0 is not None:
-            self.x0 = check.array("x0", np.atleast_1d(np.asarray(x0, dtype=np.float64)), (plant.states,))
+            self.x0 = check.array("x0", x0, (plant.states,), ndmin=1)
         self.disturbance = np.zeros((self.steps, plant.disturbances))
         if disturbance is not None:
             w = check.array("disturbance", disturbance)
@@ -54,10 +55,10 @@ class Course:
                 or w.shape[-1:] not in ((), (1,), (plant.disturbances,))
                 or w.shape[:-1] not in ((), (self.steps,))
             ):
-                raise ValueError(
-                    f"disturbance has shape {w.shape}; give {plant.disturbances} value(s), or ({self.steps}, "
-                    f"{plant.disturbances}), one row per period"
+                remedy = (
+                    f"give {plant.disturbances} value(s), or ({self.steps}, {plant.disturbances}), one row per period"
                 )
+                raise Mistake("disturbance", disturbance, remedy, problem=f"has shape {w.shape}")
             self.disturbance = np.broadcast_to(w, self.disturbance.shape)
         self.told = sampled(controller, reference, self.t[:-1]).reshape(self.steps, plant.outputs, -1)
 
@@ -79,7 +80,7 @@ class Course:
 def ideal_run(loop: ErrorLoop, course: Course) -> tuple[Array, Array]:
     """Outputs (K+1, q) and inputs (K, m) of the ideal loop."""
     controller, plant, steps, told = course.controller, loop.plant, course.steps, course.told
-    law, model, rows, rest = loop.law, controller._model, loop.law.rows, loop.law.rest
+    law, model, rows, rest = loop.law, controller.model, loop.law.rows, loop.law.rest
     w = np.zeros((steps, model.disturbance.shape[1]))  # loads, which stand behind it, are none
     w[:, : plant.disturbances] = course.disturbance
     # s without the state and the commands under way
@@ -92,7 +93,7 @@ def ideal_run(loop: ErrorLoop, course: Course) -> tuple[Array, Array]:
     push = w @ model.disturbance.T + model.drift
     depth = max(model.delay)
     u = np.zeros((depth + steps, plant.inputs))
-    u[:depth] = controller._history()[-depth:] if depth else u[:0]
+    u[:depth] = controller.issued[-depth:] if depth else u[:0]
     x = np.zeros((steps + 1, plant.states))
     x[0] = course.x0
     under_way = [(j, row) for j, row in enumerate(rows.pending) if len(row)]

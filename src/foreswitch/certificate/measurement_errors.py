@@ -61,14 +61,14 @@ def passes_gate(loop: ErrorLoop, errors: Errors) -> bool:
 def starts_at(loop: ErrorLoop, x0: Array) -> bool:
     """Whether the first estimate, noise aside, is the plant's state; without an estimator it is."""
     controller, plant = loop.controller, loop.plant
-    kalman, model = controller.kalman, controller._model
+    kalman, model = controller.kalman, controller.model
     if kalman is None:
         return True
     wrong, w = np.zeros(plant.states + kalman.loads), np.zeros(model.disturbance.shape[1])
     wrong[: plant.states] = kalman.start_row @ (plant.C @ x0 + plant.y_offset) + kalman.start_offset - x0
     known = np.zeros(plant.states)
-    if controller._core.estimate(known, w):  # of the period before
-        issued = controller._history()
+    if controller.core.estimate(known, w):  # of the period before
+        issued = controller.issued
         wrong[: plant.states] = model.transition @ known + model.disturbance @ w + model.drift - x0
         for j, age in enumerate(model.delay):
             wrong[: plant.states] += model.old[j] * issued[-age - 1, j]
@@ -106,7 +106,7 @@ def _estimator(loop: ErrorLoop) -> tuple[Array, Array, Array]:
     assert kalman is not None
     n, loads = plant.states, kalman.loads
     A = np.eye(n + loads)
-    A[:n, :n], A[:n, n:] = controller._model.transition, controller._model.disturbance[:, plant.disturbances :]
+    A[:n, :n], A[:n, n:] = controller.model.transition, controller.model.disturbance[:, plant.disturbances :]
     C = np.hstack([plant.C, np.zeros((plant.outputs, loads))])
     return A, C, np.eye(n + loads) - kalman.gain @ C
 

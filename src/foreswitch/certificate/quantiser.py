@@ -80,7 +80,7 @@ class Quantiser:
 
     def __init__(self, loop: ErrorLoop) -> None:
         self.loop = loop
-        self.price = float(loop.controller._actuator.switch_cost.sum())
+        self.price = float(loop.controller.actuator.switch_cost.sum())
         self.span = 2.0 * loop.windows.half_span
         self._covering: Covering | None = None
 

@@ -63,7 +63,7 @@ def unproven(controller: Controller) -> str:
             "The objective is a Horizon, whose error is not proven to be bounded; certify an Endpoint, or judge this one "
             "by simulation and study"
         )
-    longest = max(map(max, controller._actuator.dwell))
+    longest = max(map(max, controller.actuator.dwell))
     if longest > 1:
         return (
             f"min_on or min_off keeps a level for {longest} periods, and a level that must be kept is not the nearest one, "
@@ -209,7 +209,7 @@ def grounds(loop: ErrorLoop, argument: Argument, wanted: Array | None) -> list[s
             )
     if loop.controller.kalman is not None:
         result.append("The estimator begins at the plant's state: at rest, or told by reset(estimate=)")
-    law = loop.controller._law
+    law = loop.controller.law
     if law.rest is not None and not law.rest.exact:
         result.append(
             "No input holds every reference, so the rest tail is a least-squares one; the ideal response shows how far off"
@@ -226,7 +226,7 @@ def at_rest(controller: Controller, course: Course | None, bound: Array) -> str:
     """What happens where the reference stands still."""
     if not np.isfinite(bound).all() or not isinstance(controller.objective, Endpoint):
         return "Nothing is proven at rest."
-    rest = controller._law.rest
+    rest = controller.law.rest
     if rest is None:
         return (
             f"At rest the law assumes no input after the candidate; the output is within {numbers(bound, 3)} of ideal."

@@ -31,15 +31,17 @@ def export(
     as_json: Json = False,
 ) -> None:
     """Write a project's controller for other machines and tools, to the bit what was simulated."""
+    from foreswitch._helpers.mistake import Mistake
     from foreswitch._helpers.text import nearest
     from foreswitch.export.firmware import export_c, firmware_figures
     from foreswitch.export.fmu import export_fmu
     from foreswitch.project.project import Project
 
     if kind not in ("c", "fmu"):
-        raise ValueError(f"kind is {kind!r}; {nearest(kind, ('c', 'fmu'))}")
+        raise Mistake("kind", kind, nearest(kind, ("c", "fmu")))
     if kind == "c" and source_only:
-        raise ValueError("--source-only is for an FMU; leave it out, firmware is sources anyway")
+        remedy = "leave it out, firmware is sources anyway"
+        raise Mistake("--source-only", True, remedy, problem="is for an FMU")
     controller = Project.read(project).controller
     if real is not None and real != controller.real:
         controller = controller.replace(real=real)

@@ -82,5 +82,7 @@ def _stretch(text: str) -> tuple[float, float]:
     try:
         start, end = (float(part) for part in text.split(":"))
     except ValueError:
-        raise ValueError(f"--skip is {text!r}; give FROM:TO in seconds, such as 10:12.5") from None
+        from foreswitch._helpers.mistake import Mistake
+
+        raise Mistake("--skip", text, "give FROM:TO in seconds, such as 10:12.5") from None
     return start, end

@@ -55,11 +55,13 @@ def init(
 ) -> None:
     """Write a commented project file to start from."""
     from foreswitch._helpers.files import whole_folder, write_whole
+    from foreswitch._helpers.mistake import Mistake
     from foreswitch.demo.hot_gas import hot_gas_file
 
     target = folder / "project.toml"
     if target.exists():
-        raise ValueError(f"{target} exists; give another folder, or remove it first")
+        remedy = "give another folder, or remove it first"
+        raise Mistake("DIR", folder, remedy, problem="exists", subject=str(target))
     with whole_folder(folder) as work:
         write_whole(work / "project.toml", hot_gas_file().read_bytes())
     print(f"{target}: edit it, then 'foreswitch simulate {target}'")
@@ -84,6 +86,9 @@ def page(
     except ModuleNotFoundError as error:
         if error.name not in ("starlette", "uvicorn", "websockets"):
             raise
-        raise ValueError(f"page needs {error.name}, which is not installed; pip install 'foreswitch[page]'") from None
+        from foreswitch._helpers.mistake import Mistake
+
+        problem = f"needs {error.name}, which is not installed"
+        raise Mistake("page", error.name, "pip install 'foreswitch[page]'", problem=problem) from None
     tables = None if project is None else presets.read(project)
     server.run(tables, host=host, port=port, remote=remote, opened=not no_open)

@@ -73,12 +73,15 @@ def study(
 
 def _over(given: list[str]) -> dict[str, str]:
     """Keys and what they take."""
+    from foreswitch._helpers.mistake import Mistake
+
     found: dict[str, str] = {}
     for text in given:
         key, equals, values = text.partition("=")
         if not equals or not values.strip():
-            raise ValueError(f"--over is {text!r}; give KEY=VALUES, such as controller.Td=0.01,0.02")
+            raise Mistake("--over", text, "give KEY=VALUES, such as controller.Td=0.01,0.02")
         if key.strip() in found:
-            raise ValueError(f"--over stands twice for {key.strip()}; give all its values at once")
+            problem = f"stands twice for {key.strip()}"
+            raise Mistake("--over", text, "give all its values at once", problem=problem)
         found[key.strip()] = values
     return found

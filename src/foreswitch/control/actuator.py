@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake, shown
 
 __all__ = [
     "LONGEST_HOLD",
@@ -31,14 +32,18 @@ def input_levels(levels: Any, inputs: int) -> list[Array]:
     nested = isinstance(levels, (list, tuple)) and any(np.ndim(item) > 0 for item in levels)
     given = list(levels) if nested or getattr(levels, "ndim", 1) > 1 else [levels]
     if len(given) != inputs:
-        raise ValueError(f"levels lists {len(given)} input(s); the plant has {inputs}, give one list for each")
+        remedy = f"the plant has {inputs}, give one list for each"
+        raise Mistake("levels", levels, remedy, problem=f"lists {len(given)} input(s)")
     result = []
     for j, item in enumerate(given):
-        values = check.array(f"levels of input {j + 1}", item)
+        subject = f"levels of input {j + 1}"
+        values = check.array("levels", item, subject=subject)
         if values.ndim != 1 or not 2 <= values.size <= 255:
-            raise ValueError(f"levels of input {j + 1} have shape {values.shape}; give 2 to 255 levels in a row")
+            problem = f"have shape {values.shape}"
+            raise Mistake("levels", item, "give 2 to 255 levels in a row", problem=problem, subject=subject)
         if (np.diff(values) <= 0).any():
-            raise ValueError(f"levels of input {j + 1} are {values.tolist()}; they must ascend")
+            problem = f"are {shown(values)}"
+            raise Mistake("levels", item, "they must ascend", problem=problem, subject=subject)
         result.append(values)
     return result
 
@@ -47,12 +52,13 @@ def level_indices(name: str, command: ArrayLike, levels: list[Array]) -> list[in
     """A command as level indices."""
     values = np.atleast_1d(check.array(name, command))
     if values.shape != (len(levels),):
-        raise ValueError(f"{name} is {np.asarray(command).tolist()}; give one level for each of {len(levels)} input(s)")
+        raise Mistake(name, np.asarray(command).tolist(), f"give one level for each of {len(levels)} input(s)")
     result = []
     for j, value in enumerate(values):
         hit = np.flatnonzero(levels[j] == value)
         if hit.size == 0:
-            raise ValueError(f"{name} holds {value:g}; the levels of input {j + 1} are {levels[j].tolist()}")
+            remedy = f"the levels of input {j + 1} are {shown(levels[j])}"
+            raise Mistake(name, command, remedy, problem=f"holds {value:g}")
         result.append(int(hit[0]))
     return result
 
@@ -74,9 +80,10 @@ def dwell_periods(
     """Shortest run at each level of each input, in periods and in seconds: off is the safe level, on any other."""
     on = check.per("min_on", min_on, len(levels), "input", least=0.0)
     off = check.per("min_off", min_off, len(levels), "input", least=0.0)
-    longest = float(max(on.max(), off.max()))
-    if longest / Ts > LONGEST_DWELL:
-        raise ValueError(f"min_on or min_off is {longest:g} s; it must be at most 2^32 - 1 periods of Ts = {Ts:g} s")
+    for name, longest in (("min_on", float(on.max())), ("min_off", float(off.max()))):
+        if longest / Ts > LONGEST_DWELL:
+            remedy = f"it must be at most 2^32 - 1 periods of Ts = {Ts:g} s"
+            raise Mistake(name, longest, remedy, problem=f"is {longest:g} s")
     seconds = [[float(off[j] if i == safe[j] else on[j]) for i in range(v.size)] for j, v in enumerate(levels)]
     return [[max(1, check.periods(s, Ts)) for s in row] for row in seconds], seconds
 
@@ -84,18 +91,21 @@ def dwell_periods(
 def allowed_commands(forbidden: Sequence[ArrayLike], levels: list[Array], safe: list[int]) -> Indices:
     """Level indices of the candidates, shape (p, m), in lexicographic order."""
     if isinstance(forbidden, str) or not isinstance(forbidden, (Sequence, np.ndarray)):
-        raise ValueError(f"forbidden is {forbidden!r}; give a list of commands")
+        raise Mistake("forbidden", forbidden, "give a list of commands")
     no = {tuple(level_indices("forbidden", command, levels)) for command in forbidden}
     count = int(np.prod([values.size for values in levels], dtype=np.float64))
     if count > 65535:
-        raise ValueError(f"levels form {count} combinations; at most 65535 fit one decision, use fewer levels")
+        remedy = "at most 65535 fit one decision, use fewer levels"
+        raise Mistake("levels", count, remedy, problem=f"form {count} combinations")
     every = itertools.product(*(range(values.size) for values in levels))
     allowed = [combination for combination in every if combination not in no]
     if len(allowed) < 2:
-        raise ValueError(f"forbidden leaves {len(allowed)} command(s); at least two are needed for a choice")
+        remedy = "at least two are needed for a choice"
+        raise Mistake("forbidden", forbidden, remedy, problem=f"leaves {len(allowed)} command(s)")
     if tuple(safe) in no:
         level = [float(v[i]) for v, i in zip(levels, safe, strict=True)]
-        raise ValueError(f"forbidden contains the safe level {level}; declare an allowed safe_level")
+        problem = f"contains the safe level {level}"
+        raise Mistake("forbidden", forbidden, "declare an allowed safe_level", problem=problem)
     return np.array(allowed, dtype=np.uint8)
 
 
@@ -143,6 +153,18 @@ class Actuator:
         price = check.per("switch_cost", switch_cost, inputs, "input", least=0.0)
         return cls(each, safe, dwell, seconds, price, allowed_commands(forbidden, each, safe))
 
+    @property
+    def safe_levels(self) -> Array:
+        """The level in which each input counts as off, shape (m,)."""
+        return np.array([values[i] for values, i in zip(self.levels, self.safe, strict=True)])
+
     def values(self, indices: Any) -> Array:
         """Commands (K, m) from their level indices."""
         return np.column_stack([values[indices[:, j]] for j, values in enumerate(self.levels)])
+
+
+def level_products(pending: Sequence[Array], levels: Sequence[Array]) -> Array:
+    """Effect of each pending command, looked up by its level: per input (pending, levels, rows), one after the other."""
+    each = [w[:, None, :] * v[None, :, None] for w, v in zip(pending, levels, strict=True)]
+    result: Array = np.concatenate([np.ravel(item) for item in each])
+    return result

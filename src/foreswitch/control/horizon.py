@@ -1,36 +1,31 @@
-"""The horizon objective, designed: the tables of the exact search and what leads into them."""
+"""The horizon objective as a law: the tables of the exact search and what leads into them."""
 
 from __future__ import annotations
 
-from functools import partial
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from foreswitch._binding.arrays import level_products, reals
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
-from foreswitch.control.actuator import Actuator
+from foreswitch._helpers.mistake import Mistake
+from foreswitch.control.actuator import Actuator, level_products
+from foreswitch.control.design import HorizonDesign
 from foreswitch.control.endpoint import degrees
 from foreswitch.control.horizon_tables import horizon_model, horizon_tables, riccati_terminal
 from foreswitch.control.objective import Horizon
 from foreswitch.model import prediction
 from foreswitch.model.plant import Plant
 
-__all__ = ["HorizonDesign"]
+__all__ = ["HorizonLaw"]
 
 TAILS = {"zero": 0, "rest": 1, "hold": 2}  # fsw_tail
-#: What core/horizon.h names so, in the order of the binding.
-TABLES = (
-    "F", "G", "S", "root_weight", "T", "move_weight", "lift", "lift_centre", "last_value", "hull", "value", "effect",
-    "gain", "gain_previous", "pull", "place", "from_place", "metric", "from_metric", "switch_cost",
-)  # fmt: skip
 #: A terminal cost needs a price on the input: at least this share of what the input does to the outputs.
 LEAST_PRICE = 1e-6
 
 
-class HorizonDesign:
+class HorizonLaw:
     """What `Controller` needs to know of a `Horizon`; ``plant`` has its loads among the disturbances."""
 
     def __init__(self, plant: Plant, objective: Horizon, actuator: Actuator, Ts: float, core: ModuleType) -> None:
@@ -48,32 +43,33 @@ class HorizonDesign:
         self.rest = prediction.rest(plant) if objective.tail == "rest" else None
         self.model = model = horizon_model(plant, Ts)
         self.steps, size = objective.steps + model.lead, model.F.shape[0]
-        for count, limit, what in (
-            (self.steps, core.MAX_STEPS, "steps (those that the fastest input is ahead included)"),
-            (size, core.HORIZON_STATES, "states and waiting moves"),
-            (len(actuator.candidates), core.HORIZON_CANDIDATES, "candidates"),
+        for argument, count, limit, what in (
+            ("steps", self.steps, core.MAX_STEPS, "steps (those that the fastest input is ahead included)"),
+            ("plant", size, core.HORIZON_STATES, "states and waiting moves"),
+            ("levels", len(actuator.candidates), core.HORIZON_CANDIDATES, "candidates"),
         ):
             if count > limit:
-                raise ValueError(f"the horizon has {count} {what}; the core holds up to {limit}, use fewer")
+                remedy = f"the core holds up to {limit}, use fewer"
+                raise Mistake(argument, count, remedy, problem=f"has {count} {what}", subject="the horizon")
         first, last = objective.window or (1, objective.steps)
         root_weight = np.zeros((self.steps, q))
         root_weight[model.lead + first - 1 : model.lead + last] = np.sqrt(self.weight)
         S = np.hstack([self.sliding.state, np.zeros((q, size - plant.states))])
         move_weight = check.per("move_weight", objective.move_weight, m, "input")
         self.moves = objective.moves or objective.steps
-        too_long = f"steps is {objective.steps}, too long for this unstable plant or these weights; reduce them"
+        too_long = f"is {objective.steps}, too long for this unstable plant or these weights"
         with np.errstate(over="ignore", invalid="ignore"):  # checked below
             self.terminal = self._terminal(S, move_weight)
             try:
-                self.tables = horizon_tables(
+                self.search_tables = horizon_tables(
                     model.F, model.G, S, root_weight, self.moves, actuator.values(actuator.candidates),
                     actuator.candidates, move_weight, hold=objective.tail == "hold", switch_cost=actuator.switch_cost,
                     terminal=self.terminal,
                 )  # fmt: skip
             except np.linalg.LinAlgError:
-                raise ValueError(too_long) from None
-        if not all(np.isfinite(a).all() for a in self.tables.arrays.values() if a is not None):
-            raise ValueError(too_long)
+                raise Mistake("steps", objective.steps, "reduce them", problem=too_long) from None
+        if not all(np.isfinite(a).all() for a in self.search_tables.arrays.values() if a is not None):
+            raise Mistake("steps", objective.steps, "reduce them", problem=too_long)
         # the sequence is chosen with all of the reference in view: there is no one lag
         self.lag, self.dc_gain = np.full(q, np.nan), np.full((q, q), np.nan)
 
@@ -93,59 +89,80 @@ class HorizonDesign:
             try:
                 return riccati_terminal(model.F, model.G, S, self.weight, np.maximum(move_weight, least))
             except np.linalg.LinAlgError:
-                raise ValueError(
-                    "terminal is 'riccati', but the plant has a mode that no input moves or no output shows; "
-                    "leave it out, or give a matrix"
-                ) from None
+                problem = "is 'riccati', but the plant has a mode that no input moves or no output shows"
+                raise Mistake("terminal", given, "leave it out, or give a matrix", problem=problem) from None
         P = check.array("terminal", given, (n, n))
         values, vectors = np.linalg.eigh((P + P.T) / 2.0)
         if not np.allclose(P, P.T) or values.min() < -1e-9 * max(values.max(), 1e-300):
-            raise ValueError(f"terminal is {P.tolist()}; give a symmetric matrix without negative eigenvalues")
+            raise Mistake("terminal", P, "give a symmetric matrix without negative eigenvalues")
         root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
         return np.hstack([root, np.zeros((n, size - n))])
 
     def sampling(self, preview: bool | str | float) -> Array:
         """Offsets from t_k at which the reference is sampled, (steps,)."""
         if isinstance(preview, str):
-            raise ValueError(f"preview is {preview!r}; a Horizon takes False, True or seconds")
+            raise Mistake("preview", preview, "a Horizon takes False, True or seconds")
         if isinstance(preview, (bool, np.bool_)) and preview:
             result: Array = float(self.plant.input_delay.max()) + self.Ts * np.arange(1, self.evaluations + 1)
             return result
         ahead = 0.0 if isinstance(preview, (bool, np.bool_)) else check.number("preview", preview)
         return np.full(self.evaluations, ahead)
 
-    def endpoint_arrays(self, real: type[np.floating[Any]]) -> tuple[None, ...]:
-        """From state_row to total_row of the core's design: a horizon does without."""
-        return (None,) * 8
+    def tables(self) -> dict[str, Any]:
+        """The tables from state_row to total_row of `Design`: a horizon does without; holding times are the search's own."""
+        none: dict[str, Any] = dict.fromkeys(
+            ("state_row", "disturbance_row", "offset", "reference_row", "half_weight", "pending_table", "hold_row",
+             "total_row")
+        )  # fmt: skip
+        return none | {"holds": [0] * self.plant.inputs}
 
-    @property
-    def holds(self) -> list[int]:
-        """Holding times are the search's own matter."""
-        return [0] * self.plant.inputs
-
-    def horizon_parts(self, real: type[np.floating[Any]]) -> tuple[Any, ...]:
-        """Scalars and arrays of core/horizon.h."""
-        model, tables, sliding, candidates = self.model, self.tables, self.sliding, self.actuator.candidates
-        each = partial(reals, real)
+    def horizon(self, real: str) -> HorizonDesign:
+        """The tables of core/horizon.h."""
+        plant, model, tables, sliding = self.plant, self.model, self.search_tables, self.sliding
+        levels, candidates = self.actuator.levels, self.actuator.candidates
         # a dwell of which the search cannot see the end is as good as one just beyond it
         longest = self.steps + 1
         dwell = np.array(
             [[min(self.actuator.dwell[j][c], longest) for j, c in enumerate(command)] for command in candidates]
         )
         held = bool((dwell > 1).any())
-        sizes = (self.steps, self.moves, model.F.shape[0], sliding.reference.shape[1], model.lead, len(self.terminal),
-                 TAILS[self.objective.tail], int(tables.exclusive or held), int(tables.dominance), tables.patience,
-                 self.objective.node_budget or 2**32 - 1)  # fmt: skip
-        arrays = (
-            *map(each, (model.state, model.start_disturbance, model.start)),
-            each(level_products(model.pending, self.actuator.levels)),
-            *map(each, (model.drift, model.disturbance, sliding.disturbance, sliding.offset, sliding.reference)),
-            *map(each, self._aim()),
-            *(None if tables.arrays[name] is None else each(tables.arrays[name]) for name in TABLES),  # type: ignore[arg-type]
-            candidates.ravel(),
-            dwell.astype(np.uint16).ravel() if held else None,
+        terminal_reference, terminal_disturbance, terminal_offset = self._aim()
+        return HorizonDesign.made(
+            real,
+            plant_states=plant.states,
+            pending_levels=sum(len(w) * v.size for w, v in zip(model.pending, levels, strict=True)),
+            steps=self.steps,
+            moves=self.moves,
+            states=model.F.shape[0],
+            inputs=plant.inputs,
+            outputs=plant.outputs,
+            candidates=len(candidates),
+            disturbances=plant.disturbances,
+            order=sliding.reference.shape[1],
+            lead=model.lead,
+            terminal=len(self.terminal),
+            tail=TAILS[self.objective.tail],
+            exclusive=int(tables.exclusive or held),
+            dominance=int(tables.dominance),
+            patience=tables.patience,
+            node_budget=self.objective.node_budget or 2**32 - 1,
+            start_row=model.state,
+            start_disturbance=model.start_disturbance,
+            start_offset=model.start,
+            pending_table=level_products(model.pending, levels),
+            drift=model.drift,
+            drift_disturbance=model.disturbance,
+            row_disturbance=sliding.disturbance,
+            row_offset=sliding.offset,
+            reference_row=sliding.reference,
+            terminal_reference=terminal_reference,
+            terminal_disturbance=terminal_disturbance,
+            terminal_offset=terminal_offset,
+            far=tables.far,
+            level=candidates,
+            dwell=dwell if held else None,
+            **tables.arrays,
         )
-        return sizes, tables.far, arrays
 
     def _aim(self) -> tuple[Array, Array, Array]:
         """T z_rest as rows of the last reference, of w, and an offset."""

@@ -17,6 +17,7 @@ from scipy.special import gammaincc, gammainccinv
 
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake, shown
 from foreswitch.model.plant import Plant
 
 __all__ = ["Filter", "Kalman", "load_entries", "steady_filter"]
@@ -33,9 +34,10 @@ WIDEST_GATE = 30.0
 #: An error that decays less than this in a period never does.
 NEVER = 1e-10
 
-NO_FILTER = (
-    "process_noise leads to no steady filter; give every state that does not decay a variance that is not 0 nor very "
-    "small beside measurement_noise, or measure it"
+#: Where there is no steady filter.
+REMEDY = (
+    "give every state that does not decay a variance that is neither 0 nor very small beside measurement_noise, or "
+    "measure it"
 )
 
 
@@ -93,23 +95,24 @@ class Kalman:
             value = check.array(name, getattr(self, name))
             if value.ndim < 2:
                 if (value < 0).any():
-                    raise ValueError(f"{name} is {getattr(self, name)!r}; variances must be at least 0")
+                    raise Mistake(name, getattr(self, name), "variances must be at least 0")
                 continue
             if value.ndim > 2 or value.shape[0] != value.shape[1]:
-                raise ValueError(f"{name} has shape {value.shape}; give one variance, one each, or a square matrix")
+                problem = f"has shape {value.shape}"
+                raise Mistake(name, value, "give one variance, one each, or a square matrix", problem=problem)
             deviation = np.sqrt(np.abs(np.diag(value)))
             unit = np.where(deviation > 0, deviation, 1.0)  # what is round-off must not depend on units
             correlation = value / np.outer(unit, unit)
             if not np.allclose(correlation, correlation.T, rtol=0, atol=ROUND_OFF):
-                raise ValueError(f"{name} is {value.tolist()}; a covariance must be symmetric")
+                raise Mistake(name, value, "a covariance must be symmetric")
             if np.linalg.eigvalsh(correlation).min(initial=0.0) < -ROUND_OFF:
-                raise ValueError(f"{name} is {value.tolist()}; a covariance must not have negative eigenvalues")
+                raise Mistake(name, value, "a covariance must not have negative eigenvalues")
         if self.load is not None and (check.array("load", self.load) < 0).any():
-            raise ValueError(f"load is {self.load!r}; variances must be at least 0")
+            raise Mistake("load", self.load, "variances must be at least 0")
         if not 0.0 <= check.number("gate", self.gate) <= WIDEST_GATE:
-            raise ValueError(f"gate is {self.gate:g}; give up to {WIDEST_GATE:g} standard deviations, or 0 for none")
+            raise Mistake("gate", self.gate, f"give up to {WIDEST_GATE:g} standard deviations, or 0 for none")
         if not 1 <= check.number("gate_limit", self.gate_limit) <= 255 or self.gate_limit != int(self.gate_limit):
-            raise ValueError(f"gate_limit is {self.gate_limit}; give 1 to 255 samples")
+            raise Mistake("gate_limit", self.gate_limit, "give 1 to 255 samples")
 
 
 @dataclass(frozen=True)
@@ -175,10 +178,8 @@ def steady_filter(estimator: Kalman, plant: Plant, transition: Array, load_steps
     Q[n:, n:] = np.diag(variances[variances > 0])
     R = _covariance("measurement_noise", estimator.measurement_noise, q, "output")
     if np.linalg.eigvalsh(R)[0] <= 1e-12 * np.abs(R).max():
-        raise ValueError(
-            f"measurement_noise is {estimator.measurement_noise!r}; it must be greater than 0 for each output: of a "
-            "sensor without noise, give its step squared / 12"
-        )
+        remedy = "it must be greater than 0 for each output: of a sensor without noise, give its step squared / 12"
+        raise Mistake("measurement_noise", estimator.measurement_noise, remedy)
     _check_sight(estimator, plant)
     A = np.block([[transition, load_steps], [np.zeros((loads, n)), np.eye(loads)]])
     C = np.hstack([plant.C, np.zeros((q, loads))])
@@ -186,7 +187,7 @@ def steady_filter(estimator: Kalman, plant: Plant, transition: Array, load_steps
     poles = eigvals(A - gain @ C @ A)
     poles = poles[np.argsort(-np.abs(poles), kind="stable")]
     if not np.abs(poles[0]) < 1.0 - NEVER:
-        raise ValueError(NO_FILTER)
+        raise Mistake("process_noise", estimator.process_noise, REMEDY, problem="leads to no steady filter")
     M = np.block([[plant.A, plant.B], [plant.C, np.zeros((q, plant.inputs))]])
     rest = np.linalg.pinv(M)[:n, n:]
     beyond = gammaincc(0.5, 0.5 * estimator.gate**2)  # of one output; of q as improbable
@@ -203,9 +204,8 @@ def _covariance(name: str, value: ArrayLike, size: int, what: str) -> Array:
     """One variance, one each or the matrix, as a matrix."""
     given = check.array(name, value)
     if given.shape not in ((), (size,), (size, size)):
-        raise ValueError(
-            f"{name} has shape {given.shape}; give one variance, one per {what} ({size}), or a {size} x {size} matrix"
-        )
+        remedy = f"give one variance, one per {what} ({size}), or a {size} x {size} matrix"
+        raise Mistake(name, value, remedy, problem=f"has shape {given.shape}")
     matrix: Array = given if given.ndim == 2 else np.diag(np.broadcast_to(given, (size,)))
     return 0.5 * (matrix + matrix.T)
 
@@ -216,23 +216,18 @@ def _check_sight(estimator: Kalman, plant: Plant) -> None:
     for pole in poles[poles.real >= -LASTING * np.abs(poles).max()]:
         if _hidden(plant.A, plant.C, pole):
             at = f"{pole.real:.4g}" + (f"{pole.imag:+.4g}j" if pole.imag else "")
-            raise ValueError(
-                f"plant does not show its mode at {at} rad/s in the outputs, and it does not decay; measure a state "
-                "that it moves"
-            )
+            problem = f"does not show its mode at {at} rad/s in the outputs, and it does not decay"
+            raise Mistake("C", plant.C, "measure a state that it moves", problem=problem, subject="plant")
     B = load_entries(estimator, plant)
     n, loads = B.shape
     if loads > plant.outputs:
-        raise ValueError(
-            f"load names {loads} inputs and the plant has {plant.outputs} output(s), which cannot tell them apart; "
-            "give 0 for the others"
-        )
+        problem = f"names {loads} inputs and the plant has {plant.outputs} output(s), which cannot tell them apart"
+        raise Mistake("load", estimator.load, "give 0 for the others", problem=problem)
     A = np.block([[plant.A, B], [np.zeros((loads, n + loads))]])
     if loads and _hidden(A, np.hstack([plant.C, np.zeros((plant.outputs, loads))]), 0.0):
-        raise ValueError(
-            f"load is {estimator.load!r}, but constant loads do not show in the outputs (the plant has a zero at the "
-            "origin); give 0, or measure another output"
-        )
+        why = "constant loads do not show in the outputs (the plant has a zero at the origin)"
+        problem = f"is {shown(estimator.load)}, but {why}"
+        raise Mistake("load", estimator.load, "give 0, or measure another output", problem=problem)
 
 
 def _hidden(A: Array, C: Array, pole: complex) -> bool:
@@ -253,7 +248,7 @@ def _gain(A: Array, C: Array, Q: Array, R: Array) -> tuple[Array, Array]:
     try:
         P = solve_discrete_are((A / unit[:, None] * unit).T, seen.T, Q / np.outer(unit, unit), np.eye(len(R)))
     except (np.linalg.LinAlgError, ValueError):
-        raise ValueError(NO_FILTER) from None
+        raise Mistake("process_noise", Q, REMEDY, problem="leads to no steady filter") from None
     S = seen @ P @ seen.T + np.eye(len(R))
     gain = unit[:, None] * np.linalg.solve(root.T, np.linalg.solve(S, seen @ P)).T
     return gain, root @ (0.5 * (S + S.T)) @ root.T

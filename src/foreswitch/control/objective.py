@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from foreswitch._helpers import check
+from foreswitch._helpers.mistake import Mistake
 from foreswitch._helpers.text import nearest
 
 __all__ = ["Endpoint", "Horizon"]
@@ -56,10 +57,10 @@ class Endpoint:
     def __post_init__(self) -> None:
         check.number("Td", self.Td, above=0.0)
         if (check.array("lam", self.lam) <= 0).any():
-            raise ValueError(f"lam is {self.lam!r}; it must be greater than 0")
+            raise Mistake("lam", self.lam, "it must be greater than 0")
         _check_weight(self.weight)
         if self.tail not in TAILS:
-            raise ValueError(f"tail is {self.tail!r}; {nearest(str(self.tail), TAILS)}")
+            raise Mistake("tail", self.tail, nearest(str(self.tail), TAILS))
 
 
 @dataclass(frozen=True)
@@ -129,27 +130,27 @@ class Horizon:
                 or isinstance(self.window, str)
                 or len(self.window) != 2
             ):
-                raise ValueError(f"window is {self.window!r}; give the first and the last period")
+                raise Mistake("window", self.window, "give the first and the last period")
             first = _whole("window", self.window[0], 1, self.steps)
             keep("window", (first, _whole("window", self.window[1], first, self.steps)))
         if self.lam is not None and (check.array("lam", self.lam) <= 0).any():
-            raise ValueError(f"lam is {self.lam!r}; it must be greater than 0")
+            raise Mistake("lam", self.lam, "it must be greater than 0")
         _check_weight(self.weight)
         if (check.array("move_weight", self.move_weight) < 0).any():
-            raise ValueError(f"move_weight is {self.move_weight!r}; it must be at least 0")
+            raise Mistake("move_weight", self.move_weight, "it must be at least 0")
         if self.tail not in (*TAILS, "hold"):
-            raise ValueError(f"tail is {self.tail!r}; {nearest(str(self.tail), (*TAILS, 'hold'))}")
+            raise Mistake("tail", self.tail, nearest(str(self.tail), (*TAILS, "hold")))
         if isinstance(self.terminal, str) and self.terminal != "riccati":
-            raise ValueError(f"terminal is {self.terminal!r}; give 'riccati' or a matrix")
+            raise Mistake("terminal", self.terminal, "give 'riccati' or a matrix")
 
 
 def _check_weight(value: ArrayLike) -> None:
     weight = check.array("weight", value)
     if (weight < 0).any() or not weight.any():
-        raise ValueError(f"weight is {value!r}; give numbers >= 0, at least one of them > 0")
+        raise Mistake("weight", value, "give numbers >= 0, at least one of them > 0")
 
 
 def _whole(name: str, value: float, least: int, most: int) -> int:
     if isinstance(value, (bool, np.bool_)) or not least <= check.number(name, value) <= most or value != int(value):
-        raise ValueError(f"{name} is {value}; give a whole number from {least} to {most}")
+        raise Mistake(name, value, f"give a whole number from {least} to {most}")
     return int(value)

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from foreswitch._binding import REALS
 from foreswitch._helpers.files import whole_folder
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.control.controller import Controller
-from foreswitch.export.header import Design, initialiser, number
+from foreswitch.control.design import Design
+from foreswitch.export.header import exported, initialiser, limits, limits_text, number, tables_text
 from foreswitch.export.vectors import Golden, golden_steps
 
 __all__ = ["export_c", "firmware_figures"]
 
-CORE = ["foreswitch.h", "foreswitch.c"]
+CORE = ["foreswitch.h", "arithmetic.h", "foreswitch.c"]
 HORIZON = ["horizon.h", "horizon.c"]
 TEMPLATES = ["foreswitch_design.h", "example.c", "selftest.c", "Makefile", "CMakeLists.txt", "library.properties",
              "library.json", "README.md"]  # fmt: skip
@@ -60,14 +64,14 @@ def export_c(controller: Controller, folder: str | Path, *, name: str = "control
     >>> folder = Path(tempfile.mkdtemp()) / "firmware"
     >>> export_c(law, folder)
     >>> sorted(path.name for path in folder.iterdir() if path.suffix in (".c", ".h"))
-    ['example.c', 'foreswitch.c', 'foreswitch.h', 'foreswitch_design.h', 'selftest.c']
+    ['arithmetic.h', 'example.c', 'foreswitch.c', 'foreswitch.h', 'foreswitch_design.h', 'selftest.c']
     """
     check_export(controller, name)
-    design = Design.of(controller)
+    design = exported(controller.design)
     golden = golden_steps(controller)
     words = _words(controller, design, golden, name)
     own = files("foreswitch.export")
-    core = CORE + (HORIZON if design.horizon_sizes is not None else [])
+    core = CORE + (HORIZON if design.horizon is not None else [])
     with whole_folder(folder) as work:
         for file in core:
             (work / file).write_bytes(own.joinpath("c", file).read_bytes())
@@ -82,13 +86,13 @@ def export_c(controller: Controller, folder: str | Path, *, name: str = "control
 def check_export(controller: Controller, name: str) -> None:
     """Whether there is something to export, under a name that C allows."""
     if not isinstance(controller, Controller):
-        raise ValueError(f"controller is a {type(controller).__name__}; give a Controller, baselines have no firmware")
+        problem = f"is a {type(controller).__name__}"
+        raise Mistake("controller", controller, "give a Controller, baselines have no firmware", problem=problem)
     if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name, flags=re.ASCII) or name.startswith("fsw"):
-        raise ValueError(f"name is {name!r}; give a C identifier that does not begin with fsw")
+        raise Mistake("name", name, "give a C identifier that does not begin with fsw")
     if name in TAKEN.split() or name in _identifiers():
-        raise ValueError(
-            f"name is {name!r}, which the C sources use themselves; give another, say {name + '_control'!r}"
-        )
+        problem = f"is {name!r}, which the C sources use themselves"
+        raise Mistake("name", name, f"give another, say {name + '_control'!r}", problem=problem)
 
 
 @cache
@@ -129,90 +133,75 @@ def firmware_figures(controller: Controller) -> dict[str, Any]:
         ``table_bytes`` of constants without the structures that point to them, and ``multiply_adds`` of a step with a
         usable measurement; of a horizon, those before the search.
     """
-    design = Design.of(controller)
-    arrays = [*design.arrays.values(), *(design.horizon_arrays or {}).values()]
+    design = exported(controller.design)
     return {
         "state_bytes": state_bytes(design),
         "state_bytes_avr": state_bytes(design, packed=True),
-        "table_bytes": sum(int(a.nbytes) for a in arrays if a is not None),
+        "table_bytes": design.table_bytes + (design.horizon.table_bytes if design.horizon else 0),
         "multiply_adds": _multiply_adds(design),
     }
 
 
 def _multiply_adds(design: Design) -> int:
-    """As docs/c_api.md counts them."""
-    s, h = design.sizes, design.horizon_sizes
-    n, m, q, p = (s[key] for key in ("states", "inputs", "outputs", "disturbances"))
-    loads, z = s["loads"], s["measured"]
-    under_way = int(design.arrays["pending"].sum())
-    rests = design.arrays["rest_reference"] is not None
+    """As docs/reference/c_api.md counts them."""
+    n, m, q, p = design.states, design.inputs, design.outputs, design.disturbances
+    loads, z, h = design.loads, design.measured, design.horizon
+    under_way = int(design.pending.sum())
+    rests = design.rest_reference is not None
     work = m * (q + p) if rests else 0
-    if design.arrays["gain"] is not None:
-        work += n * (n + 2 * m + p) + z * (n + z * (design.arrays["gate"] is not None)) + (n + loads) * z
+    if design.gain is not None:
+        work += n * (n + 2 * m + p) + z * (n + z * (design.gate is not None)) + (n + loads) * z
     if h is None:
-        return work + q * (n + p + s["order"] + under_way + s["candidates"] * m + (m if rests else 0))
-    N, K, size = h["steps"], h["moves"], h["states"]
-    work += size * (n + p + under_way) + N * (size * size + q * (size + s["order"])) + (N - K) * size * (size + q)
-    return int(work + K * (size * (q + m + size) + m * (m + size)))
-
-
-def _struct(members: Iterable[tuple[int, int, int]], packed: bool) -> tuple[int, int]:
-    """Size and alignment of a C structure of (count, size, alignment)."""
-    at, widest = 0, 1
-    for count, size, alignment in members:
-        if not packed:
-            at = -(-at // alignment) * alignment
-            widest = max(widest, alignment)
-        at += count * size
-    return -(-at // widest) * widest, widest
+        return work + q * (n + p + design.order + under_way + design.candidates * m + (m if rests else 0))
+    N, K, size = h.steps, h.moves, h.states
+    work += size * (n + p + under_way) + N * (size * size + q * (size + design.order)) + (N - K) * size * (size + q)
+    return work + K * (size * (q + m + size) + m * (m + size))
 
 
 def state_bytes(design: Design, packed: bool = False) -> int:
     """sizeof(fsw_state), its members as in core/foreswitch.h; `packed`: nothing is aligned, as on an AVR."""
-    limits, h = design.limits, design.horizon_sizes
-    real = 4 if design.real == "float32" else 8
-    n, m, q, p = (limits[f"FSW_MAX_{key}"] for key in ("STATES", "INPUTS", "OUTPUTS", "DISTURBANCES"))
+    return _state(design, packed).itemsize
 
-    def reals(count: int) -> tuple[int, int, int]:
-        return count, real, real
 
-    def words(count: int, size: int) -> tuple[int, int, int]:
-        return count, size, size
+def _state(design: Design, packed: bool) -> np.dtype[Any]:
+    """fsw_state as NumPy lays it out; a union is as large as its largest member, at the strictest alignment."""
+    most, h, real = limits(design), design.horizon, np.dtype(REALS[design.real])
+    n, m, q, p = (most[f"FSW_MAX_{key}"] for key in ("STATES", "INPUTS", "OUTPUTS", "DISTURBANCES"))
 
-    members = [reals(n), reals(p), words(m, 4), words(1, 4), words(2, 2), words(2, 1)]
-    if h is not None:
-        N, K, size, C = (int(h[key]) for key in ("steps", "moves", "states", "candidates"))
-        records, span = int(limits.get("FSW_RECORDS", 16)), size + m
-        record = _struct([reals(1), reals(span), words(m, 2), words(1, 1)], packed)
-        tree = [reals(K * size), reals(K * C), words(K * C, 1), words(3 * K, 1), words(K * m, 2)]
-        if records:
-            tree += [words(K, 1), (K * records, *record)]
-        hull = [reals(K * m * (span + m)), reals(K * m), words(K * m, 1)]
-        both = [_struct(each, packed) for each in (tree, hull)]
-        align = max(item[1] for item in both)
-        union = (1, -(-max(item[0] for item in both) // align) * align, align)
-        scratch = _struct(
-            [reals(K * m), reals(K * C), reals(N * q), reals(span), reals(2 * size), words(1, 1), union, words(K, 1)],
-            packed,
-        )
-        members += [words(1 + K, 1)]
-    members += [words(limits["FSW_MAX_LINE"], 1)]
-    if h is not None:
-        members += [(1, *scratch)]
-    return _struct(members, packed)[0]
+    def struct(*members: tuple[str, Any, Any]) -> np.dtype[Any]:
+        return np.dtype(list(members), align=not packed)
+
+    head = [("x", real, n), ("w", real, p), ("wait", "u4", m), ("bad_total", "u4", 1), ("head", "u2", 1),
+            ("bad", "u2", 1), ("primed", "u1", 1), ("outliers", "u1", 1)]  # fmt: skip
+    line = ("line", "u1", most["FSW_MAX_LINE"])
+    if h is None:
+        return struct(*head, line)
+    N, K, size, C = h.steps, h.moves, h.states, h.candidates
+    records, span = most.get("FSW_RECORDS", 16), size + m
+    record = struct(("bound", real, 1), ("at", real, span), ("wait", "u2", m), ("from", "u1", 1))
+    visited = [("visits", "u1", K), ("record", record, K * records)] if records else []
+    tree = struct(("x", real, K * size), ("bound", real, K * C), ("child", "u1", K * C), ("next", "u1", K),
+                  ("count", "u1", K), ("path", "u1", K), ("wait", "u2", K * m), *visited)  # fmt: skip
+    hull = struct(("row", real, K * m * (span + m)), ("slope", real, K * m), ("pinned", "i1", K * m))
+    align = 1 if packed else max(tree.alignment, hull.alignment)
+    whole = -(-max(tree.itemsize, hull.itemsize) // align)
+    union = struct(("u", real if align > 1 else "u1", whole * align // (real.itemsize if align > 1 else 1)))
+    scratch = struct(("target", real, K * m), ("penalty", real, K * C), ("error", real, N * q), ("last", real, span),
+                     ("end", real, size), ("aim", real, size), ("priced", "u1", 1), ("union", union, 1),
+                     ("best", "u1", K))  # fmt: skip
+    return struct(*head, ("planned", "u1", 1), ("plan", "u1", K), line, ("scratch", scratch, 1))
 
 
 # Words for the templates ----------------------------------------------------------------------------------------------
 
 
 def _words(controller: Controller, design: Design, golden: Golden, name: str) -> dict[str, str]:
-    s, plant = design.sizes, controller.plant
-    core = CORE + (HORIZON if design.horizon_sizes is not None else [])
+    plant = controller.plant
+    core = CORE + (HORIZON if design.horizon is not None else [])
     sources = [file for file in core if file.endswith(".c")]
     figures = firmware_figures(controller)
-    measured = s["measured"]
     outputs = ", ".join(plant.output_names)
-    horizon = design.horizon_sizes is not None
+    horizon = design.horizon is not None
     work = f"{figures['multiply_adds']} multiply-adds"
     if horizon:
         work += ", then the search: a few dozen for each node"
@@ -221,13 +210,13 @@ def _words(controller: Controller, design: Design, golden: Golden, name: str) ->
         "title": headline(controller, name),
         "title_json": json.dumps(f"{headline(controller, name)}."),
         "version": version("foreswitch"),
-        "limits": design.limits_text(name),
-        "tables": design.tables_text(name),
+        "limits": limits_text(design, name),
+        "tables": tables_text(design, name),
         "rows": str(len(golden)),
-        "measured": str(measured),
+        "measured": str(design.measured),
         "reference": str(golden.reference.shape[1]),
         "disturbances": str(max(plant.disturbances, 1)),
-        "inputs": str(s["inputs"]),
+        "inputs": str(design.inputs),
         "steps": ",\n".join(_row(golden, k) for k in range(len(golden))),
         "last_x": initialiser(golden.state),
         "last_w": initialiser(golden.disturbances),
@@ -300,7 +289,7 @@ def _count(number: int, what: str) -> str:
 
 def _shapes(controller: Controller, design: Design) -> str:
     """What goes in and what comes out, in words."""
-    plant, s = controller.plant, design.sizes
+    plant = controller.plant
     what = ", ".join(plant.output_names) if controller.estimator else f"the {plant.states} states of the model"
     times = [f"{1e3 * t:.4g}" for t in dict.fromkeys(controller.reference_times.ravel().tolist())]
     when = (
@@ -308,13 +297,13 @@ def _shapes(controller: Controller, design: Design) -> str:
         if times == ["0"]
         else ", ".join(times if len(times) < 5 else [*times[:2], "...", times[-1]]) + " ms ahead"
     )
-    each = _count(s["order"] - 1, "derivative")
+    each = _count(design.order - 1, "derivative")
     lines = [
-        f"- `x[{s['measured']}]`: {what}, measured now.",
+        f"- `x[{design.measured}]`: {what}, measured now.",
         f"- `reference`, [instant][output][derivative]: {_count(controller.evaluations, 'instant')} ({when}), "
-        f"{_count(plant.outputs, 'output')}, the value{f' and {each}' if s['order'] > 1 else ''} of each.",
+        f"{_count(plant.outputs, 'output')}, the value{f' and {each}' if design.order > 1 else ''} of each.",
         f"- `w[{plant.disturbances}]`: measured disturbances." if plant.disturbances else "- `w`: unused, may be null.",
     ]
-    for input_name, levels in zip(plant.input_names, design.levels, strict=True):
+    for input_name, levels in zip(plant.input_names, controller.levels, strict=True):
         lines.append(f"- `u`, {input_name}: one of {', '.join(f'{v:g}' for v in levels)}.")
     return "\n".join(lines)

@@ -1,42 +1,20 @@
-"""A controller's design as one C header: sizes for the core's limits, and its tables. Data only, never logic."""
+"""A design as one C header: sizes for the core's limits, and its tables. Data only, never logic."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
-from foreswitch.control.controller import Controller
+from foreswitch._binding import REALS
+from foreswitch._helpers.mistake import Mistake
+from foreswitch.control.design import Design, HorizonDesign, Tables
 
-__all__ = ["Design", "initialiser", "number"]
+__all__ = ["exported", "initialiser", "limits", "limits_text", "number", "tables_text"]
 
-# In the order of the binding.
-SIZES = "states inputs outputs disturbances order rows candidates bad_limit measured loads gate_limit"
-ARRAYS = """level_count pending holds exact_levels levels candidate safe state_row disturbance_row offset reference_row
-half_weight pending_table hold_row total_row rest_reference rest_disturbance rest_offset dwell switch_cost model_x
-model_old model_new model_w model_c gain output_row output_offset start_row start_offset gate"""
-HORIZON_SIZES = "steps moves states order lead terminal tail exclusive dominance patience node_budget"
-HORIZON_ARRAYS = """start_row start_disturbance start_offset pending_table drift drift_disturbance row_disturbance
-row_offset reference_row terminal_reference terminal_disturbance terminal_offset F G S root_weight T move_weight lift
-lift_centre last_value hull value effect gain gain_previous pull place from_place metric from_metric switch_cost level
-dwell"""
-
-# In the order of the C structures, which C++ insists on.
-DESIGN = """states inputs outputs disturbances order rows candidates bad_limit measured loads gate_limit level_count levels
-candidate safe state_row disturbance_row offset reference_row half_weight pending pending_table holds hold_row total_row
-rest_reference rest_disturbance rest_offset dwell switch_cost model_x model_old model_new model_w model_c gain output_row
-output_offset start_row start_offset gate horizon"""
-HORIZON = """steps moves states inputs outputs candidates disturbances order lead terminal tail exclusive dominance patience
-node_budget start_row start_disturbance start_offset pending_table drift drift_disturbance row_disturbance row_offset
-reference_row terminal_reference terminal_disturbance terminal_offset far F G S root_weight T move_weight lift
-lift_centre last_value hull value effect gain gain_previous pull place from_place metric from_metric switch_cost level
-dwell"""
-
-C_TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "d": "fsw_real", "f": "fsw_real"}
 WIDTH = 118
-REST = ("rest_reference", "rest_disturbance", "rest_offset")
 
 
 def number(value: Any) -> str:
@@ -64,133 +42,96 @@ def initialiser(values: Iterable[Any], indent: int = 4) -> str:
     return "\n".join(["{", *lines, line.rstrip(" ,") + "}"])
 
 
-def _named(names: str, values: Sequence[Any]) -> dict[str, Any]:
-    return dict(zip(names.split(), values, strict=True))
+def exported(design: Design) -> Design:
+    """The design as firmware has it: what is always zero is left out.
 
-
-@dataclass
-class Design:
-    """A controller's numbers, by the names of core/foreswitch.h and core/horizon.h.
-
-    Attributes
-    ----------
-    real : {"float64", "float32"}
-    sizes, arrays : dict
-        Of fsw_design; absent arrays are None.
-    horizon_sizes, horizon_arrays : dict or None
-        Of fsw_horizon.
+    Raises
+    ------
+    ValueError
+        If a number is not finite in the design's arithmetic: C has no constant for it, and no use.
     """
-
-    real: str
-    sizes: dict[str, int]
-    arrays: dict[str, Any]
-    horizon_sizes: dict[str, Any] | None
-    horizon_arrays: dict[str, Any] | None
-
-    @classmethod
-    def of(cls, controller: Controller) -> Design:
-        sizes, arrays, horizon = controller._parts
-        design = cls(controller.real, _named(SIZES, sizes), _named(ARRAYS, arrays), None, None)
-        del design.arrays["exact_levels"]
-        if horizon is not None:
-            own, far, tables = horizon
-            shared = {key: design.sizes[key] for key in ("inputs", "outputs", "candidates", "disturbances")}
-            kind = np.float32 if controller.real == "float32" else np.float64
-            design.horizon_sizes = _named(HORIZON_SIZES, own) | shared | {"far": kind(far)}
-            design.horizon_arrays = _named(HORIZON_ARRAYS, tables)
-        elif design._rests_at_zero():
-            design.arrays |= dict.fromkeys(REST)
-        design._judge()
-        return design
-
-    def _judge(self) -> None:
-        """C has no constant for what is not finite, and no use for it."""
-        for key, values in (self.arrays | (self.horizon_arrays or {})).items():
+    if design.horizon is None and _rests_at_zero(design):
+        design = replace(design, rest_reference=None, rest_disturbance=None, rest_offset=None)
+    for part in (design, design.horizon):
+        for each in part.tables() if part else ():
+            values = getattr(part, each.name)
             if values is not None and not np.isfinite(values).all():
-                raise ValueError(
-                    f"real is {self.real!r}, in which the design's {key} overflows; choose smaller weights, or units of "
-                    "which the plant moves fewer"
-                )
+                problem = f"is {design.real!r}, in which the design's {each.name} overflows"
+                remedy = "choose smaller weights, or units of which the plant moves fewer"
+                raise Mistake("real", design.real, remedy, problem=problem)
+    return design
 
-    def _rests_at_zero(self) -> bool:
-        """Whether the tail is always zero, as with a plant that integrates: then the core need not compute it."""
-        if self.arrays["rest_reference"] is None or any(self.arrays[key].any() for key in REST):
-            return False
-        levels = np.split(self.arrays["levels"], np.cumsum(self.arrays["level_count"])[:-1])
-        return all(each[0] <= 0.0 <= each[-1] for each in levels)
 
-    @property
-    def limits(self) -> dict[str, int]:
-        """The core's macros: sizes as they are, and what is not used."""
-        s, a, h = self.sizes, self.arrays, self.horizon_sizes
-        m = s["inputs"]
-        limits = {
-            "FSW_MAX_STATES": s["states"], "FSW_MAX_INPUTS": m, "FSW_MAX_OUTPUTS": s["outputs"],
-            "FSW_MAX_DISTURBANCES": max(s["disturbances"], 1), "FSW_MAX_LINE": s["rows"] * m,
+def _rests_at_zero(design: Design) -> bool:
+    """Whether the tail is always zero, as with a plant that integrates: then the core need not compute it."""
+    rest = design.rest_reference, design.rest_disturbance, design.rest_offset
+    if any(values is None or values.any() for values in rest):
+        return False
+    return all(each[0] <= 0.0 <= each[-1] for each in np.split(design.levels, np.cumsum(design.level_count)[:-1]))
+
+
+def limits(design: Design) -> dict[str, int]:
+    """The core's macros: sizes as they are, and what is not used."""
+    h = design.horizon
+    sizes = {
+        "FSW_MAX_STATES": design.states, "FSW_MAX_INPUTS": design.inputs, "FSW_MAX_OUTPUTS": design.outputs,
+        "FSW_MAX_DISTURBANCES": max(design.disturbances, 1), "FSW_MAX_LINE": design.rows * design.inputs,
+    }  # fmt: skip
+    if h is not None:
+        sizes |= {
+            "FSW_MAX_MOVES": h.moves, "FSW_MAX_STEPS": h.steps, "FSW_HORIZON_STATES": h.states,
+            "FSW_HORIZON_CANDIDATES": design.candidates,
         }  # fmt: skip
-        if h is not None and self.horizon_arrays is not None:
-            limits |= {
-                "FSW_MAX_MOVES": h["moves"], "FSW_MAX_STEPS": h["steps"], "FSW_HORIZON_STATES": h["states"],
-                "FSW_HORIZON_CANDIDATES": s["candidates"],
-            }  # fmt: skip
-            limits |= {} if h["dominance"] else {"FSW_RECORDS": 0}
-        limits |= {
-            "FSW_DISTURBANCES": s["disturbances"], "FSW_LOADS": s["loads"], "FSW_ORDER": s["order"],
-            "FSW_CANDIDATES": s["candidates"], "FSW_ESTIMATOR": int(a["gain"] is not None),
-            "FSW_REST": int(a["rest_reference"] is not None),
-        }  # fmt: skip
-        endpoint = h is None
-        return limits | {
-            "FSW_SWITCH_COST": int(endpoint and a["switch_cost"].any()),
-            "FSW_OFFSET": int(endpoint and a["offset"].any()),
-            "FSW_SPLIT": int(a["model_new"].any()),
-            "FSW_HELD_ONCE": int(endpoint and (a["holds"] == 1).all()),
-        }
+        sizes |= {} if h.dominance else {"FSW_RECORDS": 0}
+    endpoint = h is None
+    return sizes | {
+        "FSW_DISTURBANCES": design.disturbances, "FSW_LOADS": design.loads, "FSW_ORDER": design.order,
+        "FSW_CANDIDATES": design.candidates, "FSW_ESTIMATOR": int(design.gain is not None),
+        "FSW_REST": int(design.rest_reference is not None),
+        "FSW_SWITCH_COST": int(endpoint and design.switch_cost.any()),
+        "FSW_OFFSET": int(design.offset is not None and design.offset.any()),
+        "FSW_SPLIT": int(design.model_new.any()),
+        "FSW_HELD_ONCE": int(endpoint and (design.holds == 1).all()),
+    }  # fmt: skip
 
-    @property
-    def levels(self) -> list[list[float]]:
-        """Of each input."""
-        return [each.tolist() for each in np.split(self.arrays["levels"], np.cumsum(self.arrays["level_count"])[:-1])]
 
-    def limits_text(self, name: str) -> str:
-        """The first section: what foreswitch.h asks for."""
-        lines = ["#define FSW_SINGLE /* fsw_real is float */"] if self.real == "float32" else []
-        lines += ["#define FSW_FIXED", *(f"#define {key} {value}" for key, value in self.limits.items())]
-        return "\n".join([*lines, f"#define FSW_DESIGN {name}"])
+def limits_text(design: Design, name: str) -> str:
+    """The first section: what foreswitch.h asks for."""
+    lines = ["#define FSW_SINGLE /* fsw_real is float */"] if design.real == "float32" else []
+    lines += ["#define FSW_FIXED", *(f"#define {key} {value}" for key, value in limits(design).items())]
+    return "\n".join([*lines, f"#define FSW_DESIGN {name}"])
 
-    def tables_text(self, name: str) -> str:
-        """The last section: constant tables and the structures that point to them."""
-        text = ""
-        pointers: dict[str, str] = {"horizon": "0"}
-        if self.horizon_sizes is not None and self.horizon_arrays is not None:
-            prefix = f"{name}_horizon_"
-            found = self._tables(self.horizon_arrays, prefix)
-            members = self._spelled(self.horizon_sizes) | found[1]
-            text += (
-                found[0] + "\n" + self._structure(f"static const fsw_horizon {name}_horizon", HORIZON, members) + "\n"
-            )
-            pointers["horizon"] = f"&{name}_horizon"
-        found = self._tables(self.arrays, f"{name}_")
-        members = self._spelled(self.sizes) | found[1] | pointers
-        return text + found[0] + "\n" + self._structure(f"const fsw_design {name}", DESIGN, members)
 
-    @staticmethod
-    def _spelled(sizes: Mapping[str, Any]) -> dict[str, str]:
-        return {key: number(value) for key, value in sizes.items()}
+def tables_text(design: Design, name: str) -> str:
+    """The last section: constant tables and the structures that point to them."""
+    text, horizon = "", "0"
+    if design.horizon is not None:
+        text = _structure(design.horizon, f"static const fsw_horizon {name}_horizon", f"{name}_horizon_") + "\n"
+        horizon = f"&{name}_horizon"
+    return text + _structure(design, f"const fsw_design {name}", f"{name}_", horizon=horizon)
 
-    @staticmethod
-    def _tables(arrays: Mapping[str, Any], prefix: str) -> tuple[str, dict[str, str]]:
-        """Definitions, and what points to them; those that do not apply are null, none is empty."""
-        text, pointers = "", {}
-        for key, values in arrays.items():
-            if values is None or (key == "holds" and not values.any()):
-                pointers[key] = "0"
-                continue
-            text += f"static const {C_TYPES[values.dtype.char]} {prefix}{key}[] = {initialiser(values.ravel())};\n"
-            pointers[key] = f"{prefix}{key}"
-        return text, pointers
 
-    @staticmethod
-    def _structure(head: str, order: str, members: Mapping[str, str]) -> str:
-        lines = "".join(f"    .{key} = {members[key]},\n" for key in order.split())
-        return f"{head} = {{\n{lines}}};\n"
+def _structure(part: Design | HorizonDesign, head: str, prefix: str, **pointers: str) -> str:
+    """Its arrays, and the structure, members in the order of C, which C++ insists on; what does not apply is null."""
+    arrays, members = "", ""
+    for each in fields(part):
+        kind = each.metadata.get("kind")
+        value = getattr(part, each.name)
+        if kind is None or each.metadata.get("host"):
+            spelled = pointers.get(each.name)
+        elif each.metadata["shape"] is None:
+            spelled = number(REALS[part.real](value) if kind == "fsw_real" else value)
+        elif _is_absent(part, each.name):
+            spelled = "0"
+        else:
+            arrays += f"static const {kind} {prefix}{each.name}[] = {initialiser(value)};\n"
+            spelled = f"{prefix}{each.name}"
+        if spelled is not None:
+            members += f"    .{each.name} = {spelled},\n"
+    return f"{arrays}\n{head} = {{\n{members}}};\n"
+
+
+def _is_absent(part: Tables, name: str) -> bool:
+    """Whether a table does not apply: a horizon does not read the holding times."""
+    values = getattr(part, name)
+    return values is None or (name == "holds" and not values.any())

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from foreswitch._binding import REALS
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.control.controller import Controller
 
 __all__ = ["Golden", "golden_steps"]
@@ -71,10 +72,10 @@ def golden_steps(controller: Controller) -> Golden:
         law = controller.replace()
     plant, real, p = law.plant, REALS[law.real], law.plant.disturbances
     width = law.evaluations * plant.outputs * law.order
-    length = int(np.clip(NUMBERS // (width + law._measured[0]), LEAST, MOST)) // PARTS
+    length = int(np.clip(NUMBERS // (width + law.measured[0]), LEAST, MOST)) // PARTS
     steps, huge = PARTS * length, UNUSABLE[law.real]
     rows: list[tuple[Any, ...]] = []
-    x, unstable = np.zeros(plant.states), abs(np.linalg.eigvals(law._model.transition)).max() > 1.0 + 1e-9
+    x, unstable = np.zeros(plant.states), abs(np.linalg.eigvals(law.model.transition)).max() > 1.0 + 1e-9
     for k in range(steps):
         part, at = divmod(k, length)
         if (at == 0 and unstable) or np.abs(x).max() > AWAY[law.real]:
@@ -85,7 +86,7 @@ def golden_steps(controller: Controller) -> Golden:
         shown = x if law.estimator is None else plant.C @ x + plant.y_offset
         shown = (shown * (1.0 + 1e-3 * _noise(k, shown.size))).astype(real)
         reference, told = wanted[at].astype(real), w.astype(real)
-        if _bad(k, steps, law._bad_limit):
+        if _bad(k, steps, law.design.bad_limit):
             shown[:] = huge
         if k == steps // 3:
             reference.flat[0] = huge
@@ -95,16 +96,19 @@ def golden_steps(controller: Controller) -> Golden:
         options = {"disturbance": told.astype(float)} if p else {}
         decision = law.decide(*given, **options)
         law.step(*given, **options)
-        line = np.frombuffer(law._core.line(), dtype=np.uint8).reshape(-1, plant.inputs)
-        rows.append((shown, reference.ravel(), told, line[-1], law.status, real(decision.cost), decision.nodes))
+        rows.append(
+            (shown, reference.ravel(), told, law.memory.line[-1], law.status, real(decision.cost), decision.nodes)
+        )
         x = _advance(law, x, w)
-    state, disturbances = np.empty(plant.states), np.empty(law._disturbances)
-    law._core.estimate(state, disturbances)
+    last = law.memory
     names = ("measured", "reference", "disturbance", "command", "status", "cost", "nodes")
     if not np.isfinite([row[5] for row in rows]).all():
-        raise ValueError(f"real is {law.real!r}, in which costs overflow; choose smaller weights")
+        problem = f"is {law.real!r}, in which costs overflow"
+        raise Mistake("real", law.real, "choose smaller weights", problem=problem)
     columns = {name: np.array(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
-    return Golden(**columns, state=state.astype(real), disturbances=disturbances.astype(real))
+    assert last.x is not None, "most samples are usable"
+    assert last.w is not None
+    return Golden(**columns, state=last.x.astype(real), disturbances=last.w.astype(real))
 
 
 def _bad(k: int, steps: int, limit: int) -> bool:
@@ -121,7 +125,7 @@ def _noise(k: int, count: int) -> Any:
 
 def _advance(law: Controller, x: Any, w: Any) -> Any:
     """The model one period later; the newest command is in the line already."""
-    model, history = law._model, law._history()
+    model, history = law.model, law.issued
     result = model.transition @ x + model.disturbance[:, : w.size] @ w + model.drift
     for j, delay in enumerate(model.delay):
         result = result + model.old[j] * history[-1 - delay, j]
@@ -132,10 +136,10 @@ def _advance(law: Controller, x: Any, w: Any) -> Any:
 
 def _course(law: Controller, x: Any, length: int, part: int) -> Any:
     """References (length, evaluations, q, order) of one part: the outputs from x on under commands drawn at random."""
-    plant, model = law.plant, law._model
+    plant, model = law.plant, law.model
     times = law.reference_times.reshape(law.evaluations, -1)  # (evaluations, 1 or q)
     ahead = np.broadcast_to(np.maximum(np.round(times / law.Ts), 0).astype(int), (law.evaluations, plant.outputs))
-    commands = law._actuator.values(law._actuator.candidates)
+    commands = law.actuator.values(law.actuator.candidates)
     rows = [plant.C @ np.linalg.matrix_power(plant.A, i) for i in range(law.order)]
     course, left, draw = [], 0, 1000 * (part + 1)
     for _ in range(length + ahead.max()):

@@ -14,6 +14,7 @@ from scipy.signal import lfilter, ss2tf
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.json import plain_data
+from foreswitch._helpers.mistake import Mistake
 from foreswitch._helpers.text import tree
 from foreswitch._helpers.units import NO_UNIT, described, name_and_unit, rate_unit, unit_of_names
 from foreswitch.identification import plots, report
@@ -207,10 +208,9 @@ class Fit:
         """
         old = self.estimate.problem
         if record.u.shape[1] != self.plant.inputs or record.y.shape[1] != self.plant.outputs:
-            raise ValueError(
-                f"record has {record.u.shape[1]} input(s) and {record.y.shape[1]} output(s); the fit has "
-                f"{self.plant.inputs} and {self.plant.outputs}"
-            )
+            sizes = f"has {record.u.shape[1]} input(s) and {record.y.shape[1]} output(s)"
+            remedy = f"the fit has {self.plant.inputs} and {self.plant.outputs}, and they must agree"
+            raise Mistake("record", record, remedy, problem=sizes)
         problem = Problem(record, old.structures, old.drift, old.outputs, old.longest_delay)
         problem.scale = old.scale
         y = np.full(record.y.shape, np.nan)

@@ -15,7 +15,7 @@ from foreswitch.presentation.plots import COLOURS, draw_command, draw_output, fi
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["pulse_figure", "record_figure", "residual_figure"]
+__all__ = ["pulse_figure", "pulse_windows", "record_figure", "residual_figure"]
 
 #: Samples that a line shows at most; a longer record is thinned out.
 MOST = 20000
@@ -103,7 +103,7 @@ def pulse_figure(estimate: Estimate) -> Figure | None:
     for j in range(record.u.shape[1]):
         if pulses := equal_pulses(estimate, j):
             grid = np.linspace(-BEFORE * pulses.room, (1.0 - 1e-9) * pulses.room, 240)
-            windows = [_windows(estimate, o, pulses, grid) for o in range(q)]
+            windows = [pulse_windows(estimate, o, pulses, grid) for o in range(q)]
             if len(windows[0][0]) >= 2:  # others lie at the record's ends or over skipped stretches
                 found.append((j, pulses, grid, windows))
     if not found:
@@ -129,7 +129,7 @@ def pulse_figure(estimate: Estimate) -> Figure | None:
     return fig
 
 
-def _windows(estimate: Estimate, o: int, pulses: Pulses, grid: Array) -> tuple[Array, Array]:
+def pulse_windows(estimate: Estimate, o: int, pulses: Pulses, grid: Array) -> tuple[Array, Array]:
     """Measured and fitted output about each pulse, from the fitted value at its start; (pulses, grid) each."""
     problem, measured, fitted = estimate.problem, [], []
     for s, rows in enumerate(problem.samples):

@@ -13,6 +13,7 @@ from scipy.signal import ss2tf
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.csv import write_columns
+from foreswitch._helpers.mistake import Mistake
 from foreswitch._helpers.text import tree
 from foreswitch.identification.fitting import Problem, Trial
 from foreswitch.identification.record import Record
@@ -74,14 +75,12 @@ class PulseTest:
             check.number(name, getattr(self, name), above=0.0)
         check.number("lead", self.lead, least=0.0)
         if self.width < self.Ts * (1.0 - 1e-9) or self.spacing < self.width + self.Ts * (1.0 - 1e-9):
-            raise ValueError(
-                f"width is {self.width:g} s and spacing {self.spacing:g} s; a pulse lasts at least Ts = {self.Ts:g} s "
-                "and ends at least Ts before the next"
-            )
+            remedy = f"a pulse lasts at least Ts = {self.Ts:g} s and ends at least Ts before the next"
+            raise Mistake("width", self.width, remedy, problem=f"is {self.width:g} s and spacing {self.spacing:g} s")
         if not 1 <= check.number("number", self.number) <= MOST or self.number != int(self.number):
-            raise ValueError(f"number is {self.number}; give 1 to {MOST} pulses")
+            raise Mistake("number", self.number, f"give 1 to {MOST} pulses")
         if check.number("low", self.low) == check.number("high", self.high):
-            raise ValueError(f"low and high are both {self.low:g}; give two levels")
+            raise Mistake("low", self.low, "give two levels", problem=f"and high are both {self.low:g}")
 
     @property
     def duration(self) -> float:
@@ -147,11 +146,13 @@ class PulseTest:
             ``hardware`` holds something else.
         """
         if plant.inputs != 1:
-            raise ValueError(f"plant has {plant.inputs} inputs; rehearse each input with a plant of that one")
+            remedy = "rehearse each input with a plant of that one"
+            raise Mistake("plant", plant, remedy, problem=f"has {plant.inputs} inputs")
         rig, q = hardware or Hardware(), plant.outputs
         for name in ("stuck", "process_noise", "drift", "missing", "late", "outages"):
             if np.any(getattr(rig, name)):
-                raise ValueError(f"hardware has {name}; a rehearsal knows opening, closing, quantum, low and high only")
+                remedy = "a rehearsal knows opening, closing, quantum, low and high only"
+                raise Mistake("hardware", hardware, remedy, problem=f"has {name}")
         deviation = check.per("noise", noise, q, "output", least=0.0)
         start = _rest(plant, self.low) if x0 is None else check.array("x0", x0, (plant.states,))
         t, u = self.t, self.u
@@ -215,10 +216,8 @@ def _travelled(plant: Plant, t: Array, u: Array, rig: Hardware, start: Array) ->
     edges = np.flatnonzero(np.diff(u)) + 1
     arrival = t[edges] + np.where(np.diff(u)[edges - 1] > 0, opening, closing)
     if (np.diff(arrival) <= 0).any():
-        raise ValueError(
-            f"opening is {opening:g} and closing {closing:g}; a pulse or a pause is too short for an edge to arrive "
-            "before the next, give longer ones"
-        )
+        remedy = "a pulse or a pause is too short for an edge to arrive before the next, give longer ones"
+        raise Mistake("opening", opening, remedy, problem=f"is {opening:g} and closing {closing:g}")
     instants = np.union1d(t, arrival)
     level = np.r_[u[0], u[edges]][np.searchsorted(arrival, instants, side="right")]
     grid = Grid(instants, np.searchsorted(instants, t))
@@ -292,7 +291,7 @@ def propose_test(
         if limit is not None:
             check.number(name, limit, above=0.0)
     if np.shape(levels) != (2,):
-        raise ValueError(f"levels is {levels!r}; give the level between the pulses and the one in them")
+        raise Mistake("levels", levels, "give the level between the pulses and the one in them")
     low, high = (check.number("levels", level) for level in levels)
     limits = f"travel {travel or 'unlimited'} and longest {longest or 'unlimited'}"
     search = _Search(plant, Ts, noise, wanted, share, (low, high), travel, longest)
@@ -304,12 +303,13 @@ def propose_test(
         if best is None or score < best[0]:
             best = score, test
     if best is None:
-        raise ValueError(f"not even {FEWEST} pulses fit into {limits}; allow more, or sample faster")
+        name, limit = ("longest", longest) if travel is None else ("travel", travel)
+        problem = f"{FEWEST} pulses fit into {limits}"
+        raise Mistake(name, limit, "allow more, or sample faster", problem=problem, subject="not even")
     reached = ", ".join(f"{name} to {error:.2g}" for name, error in (best[1].predicted or {}).items())
-    raise ValueError(
-        f"delay_error is {wanted:g} s and relative_error {share:g}; the best test within {limits}, {best[1].number} "
-        f"pulses of {best[1].width:g} s, measures {reached}: allow more, or reduce the noise"
-    )
+    pulses = f"{best[1].number} pulses of {best[1].width:g} s"
+    remedy = f"the best test within {limits}, {pulses}, measures {reached}: allow more, or reduce the noise"
+    raise Mistake("delay_error", wanted, remedy, problem=f"is {wanted:g} s and relative_error {share:g}")
 
 
 @dataclass(frozen=True)
@@ -342,10 +342,9 @@ class _Search:
         delay = float(self.plant.input_delay[0])
         samples = (self.slowest + delay) / self.Ts
         if samples > DENSE:
-            raise ValueError(
-                f"Ts is {self.Ts:g} s; one pulse of this plant would be {samples:.0f} samples: give a longer Ts, and of "
-                "the samples in it the average, whose noise is smaller"
-            )
+            problem = f"is {self.Ts:g} s, of which one pulse of this plant would take {samples:.0f}"
+            remedy = "give a longer Ts, and the average of the samples in it, whose noise is smaller"
+            raise Mistake("Ts", self.Ts, remedy, problem=problem)
         widest = WIDEST * max(self.slowest, delay, 10.0 * self.Ts)
         found = []
         for width in np.unique(np.round(np.geomspace(self.Ts, widest, WIDTHS) / self.Ts)) * self.Ts:
@@ -403,7 +402,8 @@ def _expected(test: PulseTest, plant: Plant, noise: float) -> dict[str, tuple[fl
 def _structure(plant: Plant) -> tuple[Structure, Array]:
     """The chain that a plant is, and its parameters."""
     if plant.inputs != 1 or plant.outputs != 1:
-        raise ValueError(f"plant has {plant.inputs} inputs and {plant.outputs} outputs; give a plant with one of each")
+        problem = f"has {plant.inputs} inputs and {plant.outputs} outputs"
+        raise Mistake("plant", plant, "give a plant with one of each", problem=problem)
     num, _ = ss2tf(plant.A, plant.B, plant.C, np.zeros((1, 1)))
     size = np.abs(num[0]).max()
     poles = plant.poles
@@ -411,9 +411,8 @@ def _structure(plant: Plant) -> tuple[Structure, Array]:
     zero, pairs = np.abs(poles) < ZERO * unit, poles[poles.imag > ZERO * unit]
     real = poles[(np.abs(poles.imag) <= ZERO * unit) & ~zero].real
     if (np.abs(num[0, :-1]) > 1e-9 * size).any() or (real > 0).any() or (pairs.real >= 0).any() or zero.sum() > 2:
-        raise ValueError(
-            "plant has zeros or unstable poles; give a rough model of integrators, lags and oscillating pairs"
-        )
+        remedy = "give a rough model of integrators, lags and oscillating pairs"
+        raise Mistake("plant", plant, remedy, problem="has zeros or unstable poles")
     theta = np.concatenate(
         [np.sort(np.log(-1.0 / real))[::-1], *([np.log(abs(p)), np.log(-p.real / abs(p))] for p in pairs)]
     )

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.csv import read_columns, write_columns
+from foreswitch._helpers.mistake import Mistake, inside, shown
 from foreswitch._helpers.text import tree
 
 __all__ = ["Record"]
@@ -71,11 +72,13 @@ class Record:
     ) -> None:
         self.t = check.array("t", t)
         if self.t.ndim != 1 or self.t.size == 0:
-            raise ValueError(f"t has shape {self.t.shape}; give the instants in a row, and at least {FEWEST}")
+            remedy = f"give the instants in a row, and at least {FEWEST}"
+            raise Mistake("t", t, remedy, problem=f"has shape {self.t.shape}")
         self.u, self.y = _columns("u", u, self.t.size), _columns("y", y, self.t.size)
         labels = np.zeros(self.t.size) if segments is None else np.asarray(segments)
         if labels.shape != self.t.shape:
-            raise ValueError(f"segments has shape {labels.shape}; give one label for each of {self.t.size} samples")
+            remedy = f"give one label for each of {self.t.size} samples"
+            raise Mistake("segments", segments, remedy, problem=f"has shape {labels.shape}")
         self.skip = _stretches(skip)
         self.input_names = check.names("input_names", input_names, self.u.shape[1], "u")
         self.output_names = check.names("output_names", output_names, self.y.shape[1], "y")
@@ -125,9 +128,10 @@ class Record:
             for given, default in ((input, 2), (output, 3))
         )
         wanted = [1 if time is None else time, *inputs, *outputs] + ([] if segment is None else [segment])
-        columns, names = read_columns(path, wanted, gaps=True)
         m, q = len(inputs), len(outputs)
-        try:
+        asked_by = ["time", *["input"] * m, *["output"] * q, "segment"][: len(wanted)]
+        columns, names = read_columns(path, wanted, asked_by=asked_by, gaps=True)
+        with inside(path):
             return cls(
                 columns[0],
                 np.column_stack(columns[1 : 1 + m]),
@@ -137,8 +141,6 @@ class Record:
                 input_names=names[1 : 1 + m],
                 output_names=names[1 + m : 1 + m + q],
             )
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
 
     @classmethod
     def join(cls, records: Sequence[Record]) -> Record:
@@ -160,7 +162,8 @@ class Record:
         """
         parts = list(records)
         if not parts or len({(r.u.shape[1], r.y.shape[1]) for r in parts}) != 1:
-            raise ValueError(f"records holds {len(parts)} record(s); give some with the same inputs and outputs")
+            remedy = "give some with the same inputs and outputs"
+            raise Mistake("records", records, remedy, problem=f"holds {len(parts)} record(s)")
         labels, at = [], 0
         for part in parts:
             for stretch in part.segments:
@@ -269,31 +272,31 @@ class Record:
     def _check(self) -> None:
         if int(self.used.sum()) < FEWEST or not self._segments:
             left = "" if self.used.all() else " outside the skipped stretches"
-            raise ValueError(f"the record has {int(self.used.sum())} samples{left}; at least {FEWEST} are needed")
+            problem = f"has {int(self.used.sum())} samples{left}"
+            raise Mistake("t", self.t, f"at least {FEWEST} are needed", problem=problem, subject="the record")
         for name, values, names in (("u", self.u, self.input_names), ("y", self.y, self.output_names)):
             bad = ~np.isfinite(values) & self.used[:, None]
             if bad.any():
                 i, j = np.argwhere(bad)[0]
-                raise ValueError(
-                    f"{name} ({names[j]}) is {values[i, j]} at t = {self.t[i]:g} s, one of {int(bad.sum())} gaps; "
-                    "name the stretch in skip to leave it out"
-                )
+                problem = f"({names[j]}) is {values[i, j]} at t = {self.t[i]:g} s, one of {int(bad.sum())} gaps"
+                raise Mistake(name, values, "name the stretch in skip to leave it out", problem=problem)
         for stretch in self._segments:
             steps = np.diff(self.t[stretch])
             if (steps <= 0).any():
                 i = int(np.argmax(steps <= 0)) + stretch.start
                 what = "twice" if steps[i - stretch.start] == 0 else f"after {self.t[i]:g} s"
-                raise ValueError(
-                    f"t holds {self.t[i + 1]:g} s {what} (sample {i + 2}); instants must ascend, give segments where "
-                    "separate experiments follow each other"
-                )
+                remedy = "instants must ascend, give segments where separate experiments follow each other"
+                raise Mistake("t", self.t, remedy, problem=f"holds {self.t[i + 1]:g} s {what} (sample {i + 2})")
         for j, name in enumerate(self.input_names):
             if self.levels(j).size < 2:
-                raise ValueError(f"input {name} is {self.levels(j)[0]:g} throughout; give a record in which it changes")
+                problem = f"is {self.levels(j)[0]:g} throughout"
+                remedy = "give a record in which it changes"
+                raise Mistake("u", self.u, remedy, problem=problem, subject=f"input {name}")
         for o, name in enumerate(self.output_names):
             values = self.y[self.used, o]
             if np.ptp(values) == 0:
-                raise ValueError(f"output {name} is {values[0]:g} throughout; give a record in which it responds")
+                problem, remedy = f"is {values[0]:g} throughout", "give a record in which it responds"
+                raise Mistake("y", self.y, remedy, problem=problem, subject=f"output {name}")
 
     def __iter__(self) -> Iterator[slice]:
         return iter(self._segments)
@@ -320,11 +323,13 @@ def _columns(name: str, value: Any, rows: int) -> Array:
     try:
         result = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise ValueError(f"{name} cannot be read as numbers; give one row of numbers per instant") from None
+        problem = "cannot be read as numbers"
+        raise Mistake(name, value, "give one row of numbers per instant", problem=problem) from None
     if result.ndim == 1:
         result = result[:, None]
     if result.ndim != 2 or result.shape[0] != rows or result.shape[1] == 0:
-        raise ValueError(f"{name} has shape {np.shape(value)}; give one row for each of {rows} instants")
+        problem = f"has shape {np.shape(value)}"
+        raise Mistake(name, value, f"give one row for each of {rows} instants", problem=problem)
     result.flags.writeable = False
     return result
 
@@ -333,9 +338,9 @@ def _stretches(skip: Any) -> tuple[tuple[float, float], ...]:
     result = []
     for item in skip:
         if np.shape(item) != (2,):
-            raise ValueError(f"skip holds {item!r}; give pairs (from, to) in seconds")
+            raise Mistake("skip", item, "give pairs (from, to) in seconds", problem=f"holds {shown(item)}")
         start, end = (float(value) for value in item)
         if not start <= end:
-            raise ValueError(f"skip holds ({start:g}, {end:g}); it must end after it starts")
+            raise Mistake("skip", item, "it must end after it starts", problem=f"holds ({start:g}, {end:g})")
         result.append((start, end))
     return tuple(result)

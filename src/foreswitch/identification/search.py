@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.identification.fit import Fit, FittedStructure, prediction_errors
 from foreswitch.identification.fitting import Problem, search, solve
 from foreswitch.identification.record import Record
@@ -84,16 +85,18 @@ def identify(
     (3.0, 0.05)
     """
     if not isinstance(record, Record):
-        raise ValueError(f"record is a {type(record).__name__}; give a Record, see Record.read_csv")
+        problem = f"is a {type(record).__name__}"
+        raise Mistake("record", record, "give a Record, see Record.read_csv", problem=problem)
     if not 0.0 <= check.number("held_back", held_back) <= 0.8:
-        raise ValueError(f"held_back is {held_back}; give a share from 0 to 0.8")
+        raise Mistake("held_back", held_back, "give a share from 0 to 0.8")
     longest = max(float(record.t[s][-1] - record.t[s][0]) for s in record.segments)
     reach = LONGEST_DELAY * longest if longest_delay is None else check.number("longest_delay", longest_delay, above=0)
     report = progress or (lambda share, what: None)
     q = record.y.shape[1]
     given = [structure] * q if isinstance(structure, str) else list(structure)
     if len(given) != q:
-        raise ValueError(f"structure names {len(given)} structures; give one, or one for each of {q} outputs")
+        remedy = f"give one, or one for each of {q} outputs"
+        raise Mistake("structure", structure, remedy, problem=f"names {len(given)} structures")
     search = _Search(record, reach, drift, held_back, report)
     rows: list[list[FittedStructure]] = []
     best: list[Estimate] = []
@@ -132,10 +135,11 @@ class _Search:
         problem = Problem(self.record, structures, drift, outputs, self.reach, keep)
         unknowns = max(len(s.names) + s.states + 2 for s in structures) + 2 * self.record.u.shape[1]
         if sum(grid.at.size for grid in problem.grids) <= unknowns:
-            raise ValueError(
-                f"the record has {len(self.record)} samples, too few for the {unknowns} unknowns of "
-                f"{', '.join(map(str, structures))}; record longer or choose a smaller structure"
-            )
+            few = f"too few for the {unknowns} unknowns of {', '.join(map(str, structures))}"
+            raise Mistake(
+                "structure", structures, "record longer or choose a smaller structure",
+                problem=f"has {len(self.record)} samples, {few}", subject="the record",
+            )  # fmt: skip
         return problem
 
     def output(self, o: int, name: str, span: tuple[float, float]) -> tuple[Estimate, list[FittedStructure]]:
@@ -152,7 +156,8 @@ class _Search:
                     if len(structures) == 1:
                         raise
         if not found:
-            raise ValueError(f"the record has {len(self.record)} samples, too few for any structure; record longer")
+            problem = f"has {len(self.record)} samples, too few for any structure"
+            raise Mistake("record", self.record, "record longer", problem=problem, subject="the record")
         errors = [self._held_back_error(e) if len(found) > 1 else np.nan for e in found]
         # coloured residuals carry less information than their number says, for all alike
         samples = min(found, key=lambda e: e.variance(0)).independent(0)

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake, shown
 from foreswitch._helpers.text import nearest
 
 __all__ = ["STRUCTURES", "Structure"]
@@ -69,11 +70,13 @@ class Structure:
         terms = [] if free else [term.strip() for term in str(text).split("+")]
         for term in terms:
             if term not in ("integrator", "lag", "pair"):
-                raise ValueError(f"structure {text!r} has the term {term!r}; {nearest(term, [*STRUCTURES, 'auto'])}")
+                problem = f"{shown(text)} has the term {shown(term)}"
+                raise Mistake("structure", text, nearest(term, [*STRUCTURES, "auto"]), problem=problem)
         integrators, lags, pairs = (terms.count(kind) for kind in ("integrator", "lag", "pair"))
         result = cls(integrators, lags, pairs, int(free[1]) if free else 0)
         if result.states > MOST_STATES or result.integrators > 2:
-            raise ValueError(f"structure {text!r} is too large; at most two integrators and {MOST_STATES} states")
+            remedy = f"at most two integrators and {MOST_STATES} states"
+            raise Mistake("structure", text, remedy, problem=f"{shown(text)} is too large")
         return result
 
     def __str__(self) -> str:

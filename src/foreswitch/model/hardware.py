@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake, shown
 from foreswitch.model.plant import Plant
 from foreswitch.model.prediction import transition
 
@@ -42,9 +43,9 @@ class Stuck:
         check.number("level", self.level)
         check.number("start", self.start, least=0.0)
         if not self.end > self.start:
-            raise ValueError(f"end is {self.end:g}; it must be later than start = {self.start:g}")
+            raise Mistake("end", self.end, f"it must be later than start = {self.start:g}")
         if self.input < 0 or self.input != int(self.input):
-            raise ValueError(f"input is {self.input}; give 0 for the first, 1 for the second")
+            raise Mistake("input", self.input, "give 0 for the first, 1 for the second")
 
 
 @dataclass(frozen=True)
@@ -91,22 +92,25 @@ class Hardware:
     def __post_init__(self) -> None:
         for name in ("opening", "closing", "quantum", "process_noise"):
             if (check.array(name, getattr(self, name)) < 0).any():
-                raise ValueError(f"{name} is {getattr(self, name)!r}; it must be at least 0")
+                raise Mistake(name, getattr(self, name), "it must be at least 0")
         low, high = np.asarray(self.low, dtype=np.float64), np.asarray(self.high, dtype=np.float64)
         if low.shape != high.shape and low.ndim > 0 and high.ndim > 0:
-            raise ValueError(f"low has shape {low.shape} and high {high.shape}; they must agree")
+            raise Mistake("low", self.low, "they must agree", problem=f"has shape {low.shape} and high {high.shape}")
         if not (low < high).all():
-            raise ValueError(f"low is {self.low!r} and high {self.high!r}; low must be smaller")
+            problem = f"is {shown(self.low)} and high {shown(self.high)}"
+            raise Mistake("low", self.low, "low must be smaller", problem=problem)
         if not 0.0 <= check.number("missing", self.missing) <= 1.0:
-            raise ValueError(f"missing is {self.missing:g}; it must lie between 0 and 1")
+            raise Mistake("missing", self.missing, "it must lie between 0 and 1")
         check.number("late", self.late, least=0.0)
         for window in self.outages:
             if np.shape(window) != (2,) or not window[0] < window[1]:
-                raise ValueError(f"outages holds {window!r}; give (start, end) pairs, start before end")
+                problem = f"holds {shown(window)}"
+                raise Mistake("outages", window, "give (start, end) pairs, start before end", problem=problem)
         if not isinstance(self.stuck, Sequence) or not all(isinstance(fault, Stuck) for fault in self.stuck):
-            raise ValueError(f"stuck is {self.stuck!r}; give Stuck objects in a list")
+            raise Mistake("stuck", self.stuck, "give Stuck objects in a list")
         if self.drift is not None and not isinstance(self.drift, Plant):
-            raise ValueError(f"drift is a {type(self.drift).__name__}; give the Plant at the end of the run")
+            problem = f"is a {type(self.drift).__name__}"
+            raise Mistake("drift", self.drift, "give the Plant at the end of the run", problem=problem)
 
     @property
     def acts(self) -> bool:
@@ -134,7 +138,7 @@ def stuck_periods(stuck: Sequence[Stuck], Ts: float, inputs: int) -> tuple[tuple
     """
     for fault in stuck:
         if fault.input >= inputs:
-            raise ValueError(f"stuck names input {fault.input}; give 0 to {inputs - 1}")
+            raise Mistake("stuck", fault.input, f"give 0 to {inputs - 1}", problem=f"names input {fault.input}")
     return tuple((int(f.input), float(f.level), period(f.start, Ts), period(f.end, Ts)) for f in stuck)
 
 
@@ -149,7 +153,8 @@ def sensor_range(what: Hardware, measured: int) -> tuple[Array, Array]:
     limits = [np.asarray(value, dtype=np.float64) for value in (what.low, what.high)]
     for name, value in zip(("low", "high"), limits, strict=True):
         if value.shape not in ((), (measured,)):
-            raise ValueError(f"{name} has shape {value.shape}; give one number or one per measured value ({measured})")
+            remedy = f"give one number or one per measured value ({measured})"
+            raise Mistake(name, value, remedy, problem=f"has shape {value.shape}")
     low, high = (np.broadcast_to(value, (measured,)).copy() for value in limits)
     return low, high
 
@@ -201,10 +206,10 @@ def between(start: Plant, end: Plant, share: float) -> Plant:
     """
     names = ("A", "B", "C", "E", "u_offset", "y_offset")
     if not np.array_equal(start.input_delay, end.input_delay):
-        raise ValueError(f"drift has input_delay {end.input_delay.tolist()}; a dead time cannot drift, keep it")
+        problem = f"has input_delay {shown(end.input_delay)}"
+        raise Mistake("drift", end, "a dead time cannot drift, keep it", problem=problem)
     for name in names:
         if getattr(start, name).shape != getattr(end, name).shape:
-            raise ValueError(
-                f"drift has {name} of shape {getattr(end, name).shape}; the plant's has {getattr(start, name).shape}"
-            )
+            problem = f"has {name} of shape {getattr(end, name).shape}"
+            raise Mistake("drift", end, f"the plant's has {getattr(start, name).shape}", problem=problem)
     return start.replace(**{name: (1.0 - share) * getattr(start, name) + share * getattr(end, name) for name in names})

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake, shown
 
 __all__ = ["FmuPlant", "NonlinearPlant", "SteppedPlant"]
 
@@ -46,7 +47,7 @@ class SteppedPlant(ABC):
         for name, value in sizes.items():
             least = 0 if name == "disturbances" else 1
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-                raise ValueError(f"{name} is {value!r}; give a whole number, {least} or more")
+                raise Mistake(name, value, f"give a whole number, {least} or more")
         self.states, self.inputs, self.outputs, self.disturbances = map(int, sizes.values())
         self.input_delay = check.per("input_delay", input_delay, inputs, "input", least=0.0)
         self.input_names = check.names("input_names", input_names, inputs, "u")
@@ -197,7 +198,8 @@ class NonlinearPlant(SteppedPlant):
 
         result = solve_ivp(slope, (t, t + duration), x, method="DOP853", rtol=self.rtol, atol=self.atol)
         if not result.success:
-            raise ValueError(f"f could not be integrated at t = {t:g} s ({result.message}); check it there")
+            problem = f"could not be integrated at t = {t:g} s ({result.message})"
+            raise Mistake("f", x, "check it there", problem=problem)
         state: Array = result.y[:, -1]
         return state
 
@@ -224,13 +226,13 @@ def _returned(name: str, value: ArrayLike, size: int, t: float | None = None) ->
     """What a function of the caller's returned, of the right shape."""
     result = np.atleast_1d(np.asarray(value, dtype=np.float64))
     if result.shape != (size,):
-        raise ValueError(f"{name} returned {result.tolist()}{_when(t)}; give {size} value(s)")
+        raise Mistake(name, result, f"give {size} value(s)", problem=f"returned {shown(result)}{_when(t)}")
     return result
 
 
 def _finite(name: str, value: Array, t: float | None = None) -> Array:
     if not np.isfinite(value).all():
-        raise ValueError(f"{name} returned {value.tolist()}{_when(t)}; give finite values")
+        raise Mistake(name, value, "give finite values", problem=f"returned {shown(value)}{_when(t)}")
     return value
 
 
@@ -286,18 +288,22 @@ class FmuPlant(SteppedPlant):
             self._description = fmpy.read_model_description(str(path))
             platforms = fmpy.supported_platforms(str(path))
         except Exception as error:
-            raise ValueError(f"path {path} is no FMU ({error}); give one for co-simulation") from None
+            problem = f"{path} is not an FMU ({error})"
+            raise Mistake("path", path, "give one for co-simulation", problem=problem) from None
         if self._description.coSimulation is None or self._description.fmiVersion != "2.0":
-            raise ValueError(f"path {path} offers no co-simulation by FMI 2.0; export it so")
+            problem = f"{path} offers no co-simulation by FMI 2.0"
+            raise Mistake("path", path, "export it so", problem=problem)
         if fmpy.platform not in platforms:
-            raise ValueError(
-                f"path {path} runs on {', '.join(platforms) or 'no platform'}; export it for {fmpy.platform}"
-            )
+            problem = f"{path} runs on {', '.join(platforms) or 'no platform'}"
+            raise Mistake("path", path, f"export it for {fmpy.platform}", problem=problem)
         known = {v.name: v.valueReference for v in self._description.modelVariables if v.type == "Real"}
         self._start_values = dict(start_values or {})
-        for name in (*inputs, *outputs, *states, *disturbances, *self._start_values):
-            if name not in known:
-                raise ValueError(f"{path} has no real variable {name!r}; it has {', '.join(sorted(known))}")
+        asked = {"inputs": inputs, "outputs": outputs, "states": states, "disturbances": disturbances}
+        for argument, names in (*asked.items(), ("start_values", self._start_values)):
+            for name in names:
+                if name not in known:
+                    problem, remedy = f"has no real variable {name!r}", f"it has {', '.join(sorted(known))}"
+                    raise Mistake(argument, name, remedy, problem=problem, subject=str(path))
         self._path, self._known = str(path), known
         self._names = {"u": list(inputs), "y": list(outputs), "x": list(states), "w": list(disturbances)}
         self._slave: Any = None

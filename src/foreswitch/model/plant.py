@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
 from foreswitch._helpers import check
+from foreswitch._helpers.mistake import Mistake, shown
 from foreswitch._helpers.text import tree
 
 __all__ = ["Plant"]
@@ -68,12 +69,16 @@ class Plant:
         self.A = check.matrix("A", A)
         n = self.A.shape[0]
         if n == 0 or self.A.shape[1] != n:
-            raise ValueError(f"A has shape {self.A.shape}; a square matrix with at least one state is needed")
+            problem = f"has shape {self.A.shape}"
+            raise Mistake("A", A, "a square matrix with at least one state is needed", problem=problem)
         self.B = check.matrix("B", B, rows=n)
         self.C = check.matrix("C", np.eye(1, n) if C is None else C, columns=n)
         self.E = check.matrix("E", np.zeros((n, 0)) if E is None else E, rows=n)
         if self.B.shape[1] == 0 or self.C.shape[0] == 0:
-            raise ValueError(f"B has shape {self.B.shape} and C {self.C.shape}; give at least one input and one output")
+            problem = f"has shape {self.B.shape} and C {self.C.shape}"
+            raise Mistake(
+                "B" if self.B.shape[1] == 0 else "C", B, "give at least one input and one output", problem=problem
+            )
         m, q = self.B.shape[1], self.C.shape[0]
         self.input_delay = check.per("input_delay", input_delay, m, "input", least=0.0)
         self.u_offset = check.per("u_offset", u_offset, m, "input")
@@ -132,7 +137,9 @@ class Plant:
         }
         unknown = sorted(changes.keys() - keep.keys())
         if unknown:
-            raise ValueError(f"Plant has no argument {unknown[0]!r}; known are {', '.join(keep)}")
+            name = unknown[0]
+            problem, remedy = f"has no argument {name!r}", f"known are {', '.join(keep)}"
+            raise Mistake(name, changes[name], remedy, problem=problem, subject="Plant")
         return Plant(**(keep | changes))
 
     def with_errors(self, delay: ArrayLike = 0.0, gain: ArrayLike = 0.0) -> Plant:
@@ -162,10 +169,9 @@ class Plant:
         late = check.per("delay", delay, self.inputs, "input")
         input_delay = self.input_delay + late
         if (input_delay < 0.0).any():
-            raise ValueError(
-                f"delay is {late[input_delay.argmin()]:g}, which leaves less than no dead time "
-                f"({input_delay.min():g} s); give at least {-self.input_delay[input_delay.argmin()]:g}"
-            )
+            j = int(input_delay.argmin())
+            problem = f"is {late[j]:g}, which leaves less than no dead time ({input_delay[j]:g} s)"
+            raise Mistake("delay", late[j], f"give at least {-self.input_delay[j]:g}", problem=problem)
         return self.replace(B=self.B * (1.0 + check.per("gain", gain, self.inputs, "input")), input_delay=input_delay)
 
     @classmethod
@@ -195,16 +201,17 @@ class Plant:
         """
         for name, polynomial in (("num", num), ("den", den)):
             if np.ndim(polynomial) > 1:
-                raise ValueError(f"{name} has shape {np.shape(polynomial)}; give one polynomial, or use from_control")
+                problem = f"has shape {np.shape(polynomial)}"
+                raise Mistake(name, polynomial, "give one polynomial, or use from_control", problem=problem)
         b = np.trim_zeros(np.atleast_1d(check.array("num", num)), "f")
         a = np.trim_zeros(np.atleast_1d(check.array("den", den)), "f")
         if a.size == 0 or b.size == 0:
-            raise ValueError(f"{'den' if a.size == 0 else 'num'} is zero; give at least one non-zero coefficient")
+            name, polynomial = ("den", den) if a.size == 0 else ("num", num)
+            raise Mistake(name, polynomial, "give at least one non-zero coefficient", problem="is zero")
         n = a.size - 1
         if b.size > n:
-            raise ValueError(
-                f"num has degree {b.size - 1} and den {n}, which is direct feedthrough; add the actuator's own lag"
-            )
+            problem = f"has degree {b.size - 1} and den {n}, which is direct feedthrough"
+            raise Mistake("num", num, "add the actuator's own lag", problem=problem)
         A = np.eye(n, k=1)
         A[-1] = -a[:0:-1] / a[0]
         ascending = b[::-1] / a[0]
@@ -283,10 +290,12 @@ class Plant:
         """
         dt = getattr(sys, "dt", None)
         if dt not in (None, 0):
-            raise ValueError(f"sys is discrete (dt = {dt}); give the continuous system, its period goes to Controller")
+            remedy = "give the continuous system, its period goes to Controller"
+            raise Mistake("sys", sys, remedy, problem=f"is discrete (dt = {dt})")
         if hasattr(sys, "A") and hasattr(sys, "D"):
             if np.any(np.asarray(sys.D) != 0):
-                raise ValueError(f"sys has direct feedthrough D = {np.asarray(sys.D).tolist()}; D must be zero")
+                problem = f"has direct feedthrough D = {shown(np.asarray(sys.D))}"
+                raise Mistake("sys", sys, "D must be zero", problem=problem)
             for key, label in (("input_names", "input_labels"), ("output_names", "output_labels")):
                 given = getattr(sys, label, None)
                 if given and not all(re.fullmatch(r"[uy]\[\d+\]", name) for name in given):
@@ -301,7 +310,8 @@ class Plant:
             if len(num) == 1 and len(num[0]) == 1:
                 return cls.from_tf(num[0][0], den[0][0], input_delay=input_delay, **names)
             return cls._from_tf_matrix(num, den, input_delay, names)
-        raise ValueError(f"sys is a {type(sys).__name__}; give a python-control or scipy.signal system")
+        problem = f"is a {type(sys).__name__}"
+        raise Mistake("sys", sys, "give a python-control or scipy.signal system", problem=problem)
 
     @classmethod
     def _from_tf_matrix(cls, num: Any, den: Any, input_delay: ArrayLike, names: dict[str, Any]) -> Plant:
@@ -316,7 +326,8 @@ class Plant:
                     B.append(entry.B @ np.eye(1, m, j))
                     C.append(np.eye(q)[:, i : i + 1] @ entry.C)
         if not blocks:
-            raise ValueError("sys is zero; give a transfer function with at least one non-zero entry")
+            remedy = "give a transfer function with at least one non-zero entry"
+            raise Mistake("sys", num, remedy, problem="is zero")
         return cls(block_diag(*blocks), np.vstack(B), np.hstack(C), input_delay=input_delay, **names)
 
     def to_control(self) -> Any:

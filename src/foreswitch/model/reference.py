@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.csv import read_columns
+from foreswitch._helpers.mistake import Mistake, inside, shown
 from foreswitch._helpers.text import nearest
 
 if TYPE_CHECKING:
@@ -196,11 +197,13 @@ class _Piecewise(Reference):
 def _table(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
     times, values = check.array("t", t), check.array("y", y)
     if times.ndim != 1 or times.size == 0 or values.shape != times.shape:
-        raise ValueError(f"t has shape {times.shape} and y {values.shape}; give two vectors of one length")
+        problem = f"has shape {times.shape} and y {values.shape}"
+        raise Mistake("t", t, "give two vectors of one length", problem=problem)
     later = np.flatnonzero(np.diff(times) <= 0)
     if later.size:
         i = int(later[0])
-        raise ValueError(f"t goes from {times[i]:g} to {times[i + 1]:g} at sample {i + 2}; times must ascend")
+        problem = f"goes from {times[i]:g} to {times[i + 1]:g} at sample {i + 2}"
+        raise Mistake("t", t, "times must ascend", problem=problem)
     return times, values
 
 
@@ -246,7 +249,7 @@ class Samples(_Piecewise):
     def __init__(self, t: ArrayLike, y: ArrayLike, *, kind: Literal["pchip", "linear", "hold"] = "pchip") -> None:
         self.t, self.y = _table(t, y)
         if kind not in KINDS:
-            raise ValueError(f"kind is {kind!r}; {nearest(str(kind), KINDS)}")
+            raise Mistake("kind", kind, nearest(str(kind), KINDS))
         self.kind = kind
         if self.t.size == 1:
             self._pieces = _polynomials(self.y[None, :], [self.t[0], self.t[0] + 1.0])
@@ -281,11 +284,10 @@ class Samples(_Piecewise):
         ValueError
             If a column is missing, a cell is not a finite number or the times do not ascend.
         """
-        columns, _ = read_columns(path, [1 if time is None else time, 2 if value is None else value])
-        try:
+        wanted = [1 if time is None else time, 2 if value is None else value]
+        columns, _ = read_columns(path, wanted, asked_by=["time", "value"])
+        with inside(path):
             return cls(columns[0], columns[1], **options)
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
 
     @classmethod
     def read_csv_columns(cls, path: str | Path, outputs: int) -> tuple[Reference, float]:
@@ -308,10 +310,8 @@ class Samples(_Piecewise):
             As `read_csv`.
         """
         (times, *values), _ = read_columns(path, range(1, outputs + 2))
-        try:
+        with inside(path):
             parts = [cls(times, column) for column in values]
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
         return (parts[0] if outputs == 1 else Stack(*parts)), float(times[-1])
 
     def __repr__(self) -> str:
@@ -343,10 +343,10 @@ class Stack(Reference):
 
     def __init__(self, *references: Callable[..., ArrayLike]) -> None:
         if not references:
-            raise ValueError("Stack is empty; give at least one reference")
+            raise Mistake("references", (), "give at least one reference", problem="is empty", subject="Stack")
         for item in references:
             if not callable(item):
-                raise ValueError(f"Stack holds {item!r}; give references")
+                raise Mistake("references", item, "give references", problem=f"holds {shown(item)}", subject="Stack")
         self.references = references
         self.outputs = sum(getattr(item, "outputs", 1) for item in references)
 
@@ -392,15 +392,18 @@ def sample(reference: Callable[..., ArrayLike] | ArrayLike, t: Array, outputs: i
     else:
         constant = np.atleast_1d(check.array("reference", reference))
         if constant.ndim > 1 or constant.size not in (1, outputs or constant.size):
-            raise ValueError(f"reference has shape {constant.shape}; give one number or one per output ({outputs})")
+            remedy = f"give one number or one per output ({outputs})"
+            raise Mistake("reference", reference, remedy, problem=f"has shape {constant.shape}")
         given = np.broadcast_to(constant[None, :, None], (t.size, outputs or constant.size, 1))
     if given.ndim != 3 or given.shape[0] != t.size or outputs not in (None, given.shape[1]) or given.shape[2] < 1:
         want = "outputs" if outputs is None else outputs
-        raise ValueError(f"reference returned shape {given.shape} for {t.size} times; give ({t.size}, {want}, order)")
+        problem = f"returned shape {given.shape} for {t.size} times"
+        raise Mistake("reference", reference, f"give ({t.size}, {want}, order)", problem=problem)
     used = min(order, given.shape[2])
     result = np.zeros((t.size, given.shape[1], order))
     result[:, :, :used] = given[:, :, :used]
     bad = np.flatnonzero(~np.isfinite(result).all(axis=(1, 2)))
     if bad.size:
-        raise ValueError(f"reference is not finite at t = {t[bad[0]]:g} s; give finite values")
+        problem = f"is not finite at t = {t[bad[0]]:g} s"
+        raise Mistake("reference", reference, "give finite values", problem=problem)
     return result

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake, within
 from foreswitch._helpers.text import nearest
 from foreswitch._helpers.units import without_units
 from foreswitch.certificate.certificate import Certificate
 from foreswitch.certificate.ideal_response import ideal_run
-from foreswitch.page.complaint import Complaint
-from foreswitch.page.setups import Setup, setup
+from foreswitch.page.setups import OPTIONS, Setup, setup
 from foreswitch.project.tables import SimulationTable
 from foreswitch.simulation.baselines import BASELINES
 from foreswitch.simulation.loop import Loop
@@ -57,13 +57,15 @@ def costs(request: dict[str, Any]) -> Answer:
     """What the controller thought at one step of the run that `look` shows."""
     made = setup(request)
     project = made.project
-    settings = project._settings(project.reference, project.controller.Ts, {})
+    settings = project.simulation_settings()
     duration, x0, seed = (settings.pop(key, None) for key in ("duration", "x0", "seed"))
-    loop = Loop(project.controller, project.reference, duration, **settings)
+    with within(None, project.simulation_keys):
+        loop = Loop(project.controller, project.reference, duration, **settings)
     k = request.get("step", 0)
     if isinstance(k, bool) or not isinstance(k, int) or not 0 <= k < loop.steps:
-        raise Complaint(f"step is {k!r}; give a whole number from 0 to {loop.steps - 1}", "step")
-    then = moment(loop, x0, seed, k)
+        raise Mistake("step", k, f"give a whole number from 0 to {loop.steps - 1}", key="step")
+    with within(None, project.simulation_keys):
+        then = moment(loop, x0, seed, k)
     decision, law = then.decision, then.controller
     chosen = np.flatnonzero((decision.candidates == decision.u).all(axis=1))
     fields = {
@@ -89,7 +91,8 @@ def certify(request: dict[str, Any]) -> Answer:
     """What is proven, with the errors of the options, either way."""
     made = setup(request)
     project = made.model
-    proof = project.certify(delay_error=abs(made.delay_error), gain_error=abs(made.gain_error))
+    with within(None, OPTIONS):
+        proof = project.certify(delay_error=abs(made.delay_error), gain_error=abs(made.gain_error))
     fields = without_units(proof.summary(margins=request.get("margins") is True))
     fields |= {"covers": _beside(project.file.simulation), "warnings": made.warnings}
     return fields, _band(proof)
@@ -103,9 +106,9 @@ def _beside(simulation: SimulationTable) -> str | None:
 
 def _band(proof: Certificate) -> dict[str, Array]:
     """The ideal response and how far the output can lie from it; nothing where there is none."""
-    if not proof.poles.size or not proof._loop.settles or proof.course is None:
+    if not proof.poles.size or not proof.loop.settles or proof.course is None:
         return {}
-    ideal = ideal_run(proof._loop, proof.course)[0].T
+    ideal = ideal_run(proof.loop, proof.course)[0].T
     arrays = {"t": proof.course.t, "ideal": ideal}
     if proof.holds:
         arrays |= {"low": ideal - proof.error_bound[:, None], "high": ideal + proof.error_bound[:, None]}
@@ -116,9 +119,9 @@ def baseline(request: dict[str, Any]) -> Answer:
     """What people use today, tuned on the same task."""
     which, budget = request.get("which"), request.get("budget", 300)
     if not isinstance(which, str) or which not in BASELINES:
-        raise Complaint(f"which is {which!r}; {nearest(str(which), BASELINES)}", "which")
+        raise Mistake("which", which, nearest(str(which), BASELINES), key="which")
     if isinstance(budget, bool) or not isinstance(budget, int) or not 20 <= budget <= 2000:
-        raise Complaint(f"budget is {budget!r}; give 20 to 2000 runs", "budget")
+        raise Mistake("budget", budget, "give 20 to 2000 runs", key="budget")
     made = setup(request)
     tuned = made.project.tune(BASELINES[which].law, budget=budget)
     fields, arrays = picture(tuned.run)

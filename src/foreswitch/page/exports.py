@@ -9,10 +9,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from foreswitch._helpers.mistake import within
 from foreswitch._helpers.toml import toml_text
 from foreswitch.export.firmware import check_export, export_c
 from foreswitch.export.fmu import export_fmu
-from foreswitch.page.complaint import Complaint
 from foreswitch.page.setups import SEED, Setup, setup
 from foreswitch.project.tables import TABLES
 
@@ -43,10 +43,8 @@ def export(request: dict[str, Any], kind: str) -> bytes:
     """
     name = request.get("name", "controller")
     made = setup(request, capped=False)
-    try:
+    with within(None, {"name": "name"}):
         check_export(made.project.controller, name if isinstance(name, str) and len(name) <= 60 else "")
-    except ValueError as error:
-        raise Complaint(str(error), "name") from None
     with tempfile.TemporaryDirectory() as folder:
         return FILES[kind][0](made, name, Path(folder))
 

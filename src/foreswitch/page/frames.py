@@ -1,4 +1,7 @@
-"""uvicorn's WebSocket, with an end to what one client may pile up without ever sending a message."""
+"""uvicorn's WebSocket, with an end to what one client may pile up without ever sending a message.
+
+The class is of uvicorn's inside, so pyproject.toml keeps uvicorn below the first version that was not tried with it.
+"""
 
 from __future__ import annotations
 

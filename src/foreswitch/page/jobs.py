@@ -7,14 +7,12 @@ import sys
 import traceback
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-import foreswitch
 from foreswitch._helpers.json import json_text
+from foreswitch._helpers.mistake import Mistake, beyond
 from foreswitch.page import answers, exports, presets, records
-from foreswitch.page.complaint import Complaint, field_of, short
-from foreswitch.page.wire import pack
+from foreswitch.page.wire import pack, told
 
 __all__ = ["done", "sentence"]
 
@@ -25,7 +23,6 @@ ANSWERS: dict[str, Callable[[dict[str, Any]], answers.Answer]] = {
     "certify": answers.certify,
     "baseline": answers.baseline,
 }
-PACKAGE = str(Path(foreswitch.__file__).parent)
 
 
 def done(head: dict[str, Any], body: bytes) -> tuple[dict[str, Any], bytes]:
@@ -36,7 +33,7 @@ def done(head: dict[str, Any], body: bytes) -> tuple[dict[str, Any], bytes]:
 
 
 def _done(head: dict[str, Any], body: bytes) -> tuple[dict[str, Any], bytes]:
-    kind, request = head["kind"], None
+    kind = head["kind"]
     mark = {"id": head.get("id"), "kind": kind}
     try:
         if kind == "columns":
@@ -45,7 +42,7 @@ def _done(head: dict[str, Any], body: bytes) -> tuple[dict[str, Any], bytes]:
             return {"status": 200, "type": "application/octet-stream"}, pack(*records.identify(body, head["query"]))
         request = json.loads(body)
         if not isinstance(request, dict):
-            raise Complaint("the request is no object; give project and options")
+            raise Mistake("request", request, "give project and options", problem="is not an object")
         if kind in ANSWERS:
             fields, arrays = ANSWERS[kind](request)
             return {"status": 200}, pack(mark | fields, arrays)
@@ -55,7 +52,7 @@ def _done(head: dict[str, Any], body: bytes) -> tuple[dict[str, Any], bytes]:
         content = exports.export(request, head["file"])
         return {"status": 200, "type": media, "name": request.get("name", "controller") + suffix}, content
     except Exception as error:
-        complaint = sentence(error, request)
+        complaint = sentence(error)
         if kind in ANSWERS:
             return {"status": 422}, pack(mark | {"error": complaint})
         return {"status": 422, "type": "application/json"}, json_text({"error": complaint}).encode()
@@ -65,37 +62,19 @@ def _json(value: Any) -> tuple[dict[str, Any], bytes]:
     return {"status": 200, "type": "application/json"}, json_text(value).encode()
 
 
-def sentence(error: Exception, request: Any = None) -> dict[str, Any]:
+def sentence(error: Exception) -> dict[str, Any]:
     """One sentence and the field it is about; a defect of ours leaves its traceback on the terminal."""
-    if isinstance(error, Complaint):
-        return {"message": short(str(error)), "field": error.field}
-    if isinstance(error, RecursionError):
-        return {"message": "the project is nested too deeply; give tables as in a project file", "field": None}
-    if isinstance(error, MemoryError):
-        return {
-            "message": "this takes more memory than the page gives; make the run or the plant smaller",
-            "field": None,
-        }
     if isinstance(error, json.JSONDecodeError):
-        return {"message": f"the request cannot be read ({error}); send JSON", "field": None}
-    if isinstance(error, (ValueError, ArithmeticError)):
-        text, field = str(error), None
-        if not _ours(error) or ";" not in text:  # NumPy's or SciPy's, about numbers that nothing can be computed with
-            text = f"the numbers are too extreme to compute with ({short(text)}); choose others"
-        tables = request.get("project") if isinstance(request, dict) else None
-        if isinstance(tables, dict):
-            try:
-                field = field_of(tables, str(error))
-            except Exception:
-                field = None
-        return {"message": short(text), "field": field}
+        error = Mistake("request", None, "send JSON", problem=f"cannot be read ({error})")
+    elif isinstance(error, RecursionError):
+        remedy = "give tables as in a project file"
+        error = Mistake("project", None, remedy, problem="is nested too deeply")
+    elif isinstance(error, MemoryError):
+        remedy = "make the run or the plant smaller"
+        error = Mistake("project", None, remedy, problem="takes more memory than the page gives")
+    elif isinstance(error, (ValueError, ArithmeticError)) and not isinstance(error, Mistake):
+        error = beyond(error)
+    if isinstance(error, Mistake):
+        return told(error)
     traceback.print_exception(error, file=sys.stderr)
     return {"message": f"the page has a defect here ({type(error).__name__}); the terminal says more", "field": None}
-
-
-def _ours(error: Exception) -> bool:
-    """Whether the sentence was written here."""
-    frame = error.__traceback__
-    while frame is not None and frame.tb_next is not None:
-        frame = frame.tb_next
-    return frame is not None and frame.tb_frame.f_code.co_filename.startswith(PACKAGE)

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from foreswitch._helpers.json import json_text
+from foreswitch._helpers.mistake import Mistake, inside, shown, within
 from foreswitch.model.reference import Samples
-from foreswitch.page.complaint import Complaint
 from foreswitch.page.limits import LIMITS
+from foreswitch.page.uploads import under_its_name
 from foreswitch.project.project import Project
 
 __all__ = ["PRESETS", "dropped", "embedded", "presets", "read", "references"]
@@ -71,26 +72,25 @@ def dropped(request: dict[str, Any]) -> dict[str, Any]:
     """
     text, given = request.get("toml"), request.get("files") or {}
     if not isinstance(text, str) or not isinstance(given, dict) or not all(isinstance(v, str) for v in given.values()):
-        raise Complaint("the request holds no text of a project; give toml, and files by their names")
+        problem = "holds no text of a project"
+        raise Mistake("toml", text, "give toml, and files by their names", problem=problem, subject="the request")
     try:
         tables = tomllib.loads(text)
-    except ValueError as error:  # a number of thousands of digits is none of TOMLDecodeError
-        raise Complaint(f"the file is not valid TOML ({error}); correct that line") from None
+    except ValueError as error:  # a number of thousands of digits is not a TOMLDecodeError
+        problem = f"is not valid TOML ({error})"
+        raise Mistake("toml", text, "correct that line", problem=problem, subject="the file") from None
     content = {_last(name): file for name, file in given.items()}
     with tempfile.TemporaryDirectory() as folder:
         for place, table in references(tables):
             if table.get("kind") == "samples" and isinstance(table.get("file"), str):
                 name = _last(table["file"])
                 if name not in content:
-                    raise Complaint(
-                        f"the project names the file {name!r}; drop that file together with it", f"{place}.file"
-                    )
+                    problem, remedy = f"names the file {shown(name)}", "drop that file together with it"
+                    raise Mistake("files", name, remedy, problem=problem, subject="the project", key=f"{place}.file")
                 path = Path(folder) / "samples.csv"
                 path.write_text(content[name], encoding="utf-8")
-                try:
+                with within(f"{place}.file", {}), under_its_name(name):
                     _embed(table, path)
-                except ValueError as error:
-                    raise Complaint(str(error).replace(str(path), name), f"{place}.file") from None
     return _judged(tables)
 
 
@@ -99,11 +99,11 @@ def _judged(tables: dict[str, Any]) -> dict[str, Any]:
     try:
         size = len(json_text(tables))
     except TypeError:
-        raise Complaint("the project holds a date or a time, which no key of it is; give numbers and texts") from None
+        problem = "holds a date or a time, which no key of it takes"
+        raise Mistake("project", None, "give numbers and texts", problem=problem, subject="the project") from None
     if size > LIMITS["message"] - BESIDE:
-        raise Complaint(
-            f"the project takes {size} bytes; the page takes up to {LIMITS['message'] - BESIDE}, thin its points out"
-        )
+        remedy = f"the page takes up to {LIMITS['message'] - BESIDE}, thin its points out"
+        raise Mistake("project", size, remedy, problem=f"takes {size} bytes", subject="the project")
     return tables
 
 
@@ -130,9 +130,9 @@ def _embed(table: dict[str, Any], path: Path) -> None:
     """Points in place of the file."""
     samples = Samples.read_csv(path, time=table.get("time"), value=table.get("value"))
     if samples.t.size > LIMITS["points"]:
-        raise ValueError(
-            f"{path} has {samples.t.size} rows; the page takes references of up to {LIMITS['points']} points, thin it out"
-        )
+        with inside(path):
+            remedy = f"the page takes references of up to {LIMITS['points']} points, thin it out"
+            raise Mistake("path", path, remedy, problem=f"has {samples.t.size} rows", subject="")
     for key in ("file", "time", "value"):
         table.pop(key, None)
     table |= {"kind": "points", "times": samples.t.tolist(), "values": samples.y.tolist()}

@@ -13,12 +13,13 @@ import numpy as np
 
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.csv import read_columns, split
+from foreswitch._helpers.mistake import Mistake, shown, within
 from foreswitch._helpers.units import without_units
 from foreswitch.identification import plots
 from foreswitch.identification.fit import Fit
 from foreswitch.identification.record import Record
 from foreswitch.identification.search import identify as find
-from foreswitch.page.complaint import Complaint
+from foreswitch.page.uploads import under_its_name
 from foreswitch.studies.draft import draft_project
 
 __all__ = ["columns", "identify"]
@@ -27,18 +28,19 @@ __all__ = ["columns", "identify"]
 GRID = 240
 #: More levels than this make no switching input.
 LEVELS = 16
+#: What a query may set, and argument of the record -> which of them it comes from.
+SETTINGS = {"time", "input", "output", "segment", "structure"}
+FIELDS = {name: name for name in SETTINGS} | {"t": "time", "u": "input", "y": "output", "segments": "segment"}
 
 
 @contextlib.contextmanager
 def _file(content: bytes) -> Iterator[Path]:
-    """The record as a file of ours, under a name of ours; complaints call it "the record"."""
+    """The record as a file, where the library can read it."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "record.csv"
         path.write_bytes(content)
-        try:
+        with under_its_name("the record"):
             yield path
-        except ValueError as error:
-            raise Complaint(str(error).replace(str(path), "the record")) from None
 
 
 def columns(content: bytes) -> dict[str, Any]:
@@ -62,9 +64,9 @@ def columns(content: bytes) -> dict[str, Any]:
         (t, *_), _ = read_columns(path, [1], gaps=True)
         width = len(split(content.decode("utf-8-sig"))[0][1])
         if width < 3:
-            raise ValueError(f"the record has {width} column(s); give time, input and output")
+            raise Mistake("record", width, "give time, input and output", problem=f"has {width} column(s)", subject="")
         if width > 64:
-            raise ValueError(f"the record has {width} columns; give up to 64")
+            raise Mistake("record", width, "give up to 64", problem=f"has {width} columns", subject="")
         table, names = read_columns(path, range(1, width + 1), gaps=True)
     finite = [column[np.isfinite(column)] for column in table]
     rising = [i for i, c in enumerate(finite) if c.size == t.size and c.size > 1 and (np.diff(c) > 0).all()]
@@ -98,9 +100,10 @@ def identify(content: bytes, query: dict[str, list[str]]) -> tuple[dict[str, Any
     ValueError
         As `foreswitch.identify`.
     """
-    unknown = sorted(query.keys() - {"time", "input", "output", "segment", "structure"})
+    unknown = sorted(query.keys() - SETTINGS)
     if unknown:
-        raise Complaint(f"{unknown[0]!r} is no setting; known are input, output, segment, structure, time", unknown[0])
+        name, remedy = unknown[0], f"known are {', '.join(sorted(SETTINGS))}"
+        raise Mistake(name, query[name], remedy, problem="is not a setting", subject=shown(name), key=name)
     chosen: dict[str, Any] = {}
     for name in ("time", "segment"):
         if query.get(name):
@@ -108,9 +111,10 @@ def identify(content: bytes, query: dict[str, list[str]]) -> tuple[dict[str, Any
     for name in ("input", "output"):
         if query.get(name):
             chosen[name] = [_column(each) for each in query[name]]
-    with _file(content) as path:
-        record = Record.read_csv(path, **chosen)
-    fit = find(record, (query.get("structure") or ["auto"])[0])
+    with within(None, FIELDS):
+        with _file(content) as path:
+            record = Record.read_csv(path, **chosen)
+        fit = find(record, (query.get("structure") or ["auto"])[0])
     draft = tomllib.loads(draft_project(fit, "a record"))
     fields: dict[str, Any] = {
         "fit": without_units(fit.summary()),
@@ -146,7 +150,7 @@ def _average(fit: Fit) -> tuple[dict[str, Any], dict[str, Array]]:
         if (pulses := plots.equal_pulses(fit.estimate, j)) is None:
             continue
         grid = np.linspace(-plots.BEFORE * pulses.room, (1.0 - 1e-9) * pulses.room, GRID)
-        windows = [plots._windows(fit.estimate, o, pulses, grid) for o in range(record.y.shape[1])]
+        windows = [plots.pulse_windows(fit.estimate, o, pulses, grid) for o in range(record.y.shape[1])]
         if len(windows[0][0]) < 2:
             continue
         return (

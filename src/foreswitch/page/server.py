@@ -23,6 +23,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
 from foreswitch._helpers.json import json_text
+from foreswitch._helpers.mistake import Mistake, shown
 from foreswitch._helpers.text import nearest
 from foreswitch.page.exports import FILES
 from foreswitch.page.frames import Frames
@@ -30,7 +31,8 @@ from foreswitch.page.guard import Guard, is_loopback
 from foreswitch.page.limits import LIMITS
 from foreswitch.page.presets import presets
 from foreswitch.page.schema import schema, uses
-from foreswitch.page.socket import Talk, run_job
+from foreswitch.page.socket import Talk, busy, run_job
+from foreswitch.page.wire import told
 from foreswitch.page.workers import Pool
 
 __all__ = ["PORT", "application", "run"]
@@ -98,7 +100,10 @@ def _pages(project: dict[str, Any] | None) -> list[Route]:
     async def static(request: Request) -> Response:
         path = found.get(request.path_params.get("path", "index.html"))
         if path is None:
-            return _complaint(404, "there is no such file here; open the page itself")
+            problem = "is no such file here"
+            return _refused(
+                404, Mistake("path", request.url.path, "open the page itself", problem=problem, subject="there")
+            )
         return Response(path.read_bytes(), media_type=MEDIA.get(path.suffix, "text/plain"))
 
     async def start(_: Request) -> Response:
@@ -114,7 +119,7 @@ def _uploads(pools: dict[str, Pool]) -> list[Route]:
     async def answer(request: Request, head: dict[str, Any]) -> Response:
         nonlocal under_way
         if under_way >= UPLOADS:
-            return _complaint(503, "the page has too much to do at present; try again in a moment")
+            return _refused(503, busy())
         under_way += 1
         try:
             body = await asyncio.wait_for(request.body(), SLOWEST_UPLOAD)
@@ -122,7 +127,8 @@ def _uploads(pools: dict[str, Pool]) -> list[Route]:
         except ClientDisconnect:
             return Response()  # nobody is there to read it
         except TimeoutError:
-            return _complaint(408, f"the upload took longer than {SLOWEST_UPLOAD:g} s; try again")
+            problem, remedy = f"took longer than {SLOWEST_UPLOAD:g} s", "make it smaller, or try again"
+            return _refused(408, Mistake("upload", None, remedy, problem=problem, subject="the upload"))
         finally:
             under_way -= 1
         if found is None:
@@ -146,7 +152,8 @@ def _uploads(pools: dict[str, Pool]) -> list[Route]:
     async def export(request: Request) -> Response:
         file = request.path_params["file"]
         if file not in FILES:
-            return _complaint(404, f"{file!r} is nothing to export; {nearest(file, FILES)}")
+            problem = "is not something to export"
+            return _refused(404, Mistake("file", file, nearest(file, FILES), problem=problem, subject=shown(file)))
         return await answer(request, {"kind": "export", "file": file})
 
     return [
@@ -192,8 +199,8 @@ async def _unless_gone(request: Request, job: Coroutine[Any, Any, T]) -> T | Non
         await asyncio.gather(work, leaving, return_exceptions=True)
 
 
-def _complaint(status: int, sentence: str) -> Response:
-    return JSONResponse({"error": {"message": sentence, "field": None}}, status)
+def _refused(status: int, mistake: Mistake) -> Response:
+    return JSONResponse({"error": told(mistake)}, status)
 
 
 def run(
@@ -226,9 +233,9 @@ def run(
     """
     local = is_loopback(host)
     if not local and not remote:
-        raise ValueError(
-            f"--host is {host!r}, which other machines can reach; add --remote if that is meant, or leave --host out"
-        )
+        problem = f"is {host!r}, which other machines can reach"
+        remedy = "add --remote if that is meant, or leave --host out"
+        raise Mistake("host", host, remedy, problem=problem, subject="--host")
     listener = _listen(host, port)
     port = listener.getsockname()[1]
     token = None if local else secrets.token_urlsafe(32)
@@ -265,5 +272,6 @@ def _listen(host: str, port: int) -> sockets.socket:
         listener.listen(128)
     except (OSError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise ValueError(f"{host} port {port} cannot be used ({reason}); give another --port, or 0 for any") from None
+        problem, remedy = f"cannot be used ({reason})", "give another --port, or 0 for any"
+        raise Mistake("port", port, remedy, problem=problem, subject=f"{host} port {port}") from None
     return listener

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from foreswitch._helpers import check
+from foreswitch._helpers.mistake import Mistake, within
 from foreswitch.control.objective import Horizon
 from foreswitch.model.plant import Plant
-from foreswitch.page.complaint import Complaint
 from foreswitch.page.limits import LIMITS
 from foreswitch.project.project import Project
 from foreswitch.project.tables import Valve
@@ -25,6 +25,9 @@ KEPT = 8
 SEED = 0
 #: What an option scales by 1 + gain_error, by model.
 GAINS = {"integrator_lag": "k", "fopdt": "K", "transfer_function": "num", "state_space": "B"}
+
+#: Argument -> key of the options.
+OPTIONS = {"delay_error": "options.delay_error", "gain_error": "options.gain_error"}
 
 _designs: OrderedDict[str, tuple[Project, list[str]]] = OrderedDict()
 
@@ -79,7 +82,8 @@ def setup(request: dict[str, Any], *, capped: bool = True) -> Setup:
     """
     tables = request.get("project")
     if not isinstance(tables, dict):
-        raise Complaint("the request has no project; give the tables of a project file")
+        remedy = "give the tables of a project file"
+        raise Mistake("project", tables, remedy, problem="has no project", subject="the request")
     delay, gain = _options(request.get("options"))
     _bound_matrices(tables)
     project, told = _design(tables)
@@ -118,24 +122,16 @@ def _options(given: Any) -> tuple[float, float]:
     if given is None:
         return 0.0, 0.0
     if not isinstance(given, dict):
-        raise Complaint("options are no object; give delay_error and gain_error")
-    values = []
-    for name in ("delay_error", "gain_error"):
-        try:
-            values.append(check.number(name, given.get(name, 0.0)))
-        except (ValueError, OverflowError) as error:
-            raise Complaint(str(error), f"options.{name}") from None
-    if values[1] <= -1.0:
-        raise Complaint(f"gain_error is {values[1]:g}; it must be greater than -1", "options.gain_error")
-    return values[0], values[1]
+        raise Mistake("options", given, "give delay_error and gain_error", problem="are not an object")
+    with within(None, OPTIONS):
+        delay = check.number("delay_error", given.get("delay_error", 0.0))
+        return delay, check.number("gain_error", given.get("gain_error", 0.0), above=-1.0)
 
 
 def _erring(plant: Plant, table: dict[str, Any], delay: float, gain: float) -> dict[str, Any]:
     """[simulation.plant] of a plant with these errors, in the form that its own table has."""
-    try:
+    with within(None, {"delay": OPTIONS["delay_error"]}):
         late = plant.with_errors(delay, gain).input_delay.tolist()
-    except ValueError as error:
-        raise Complaint(str(error), "options.delay_error") from None
 
     def scaled(value: Any) -> Any:
         return [scaled(item) for item in value] if isinstance(value, list) else float(value) * (1.0 + gain)
@@ -168,19 +164,16 @@ def _bound_matrices(tables: dict[str, Any]) -> None:
                 else 0
             )
             if longest > most + 1:
-                place = ".".join(path)
-                raise Complaint(
-                    f"{place}.{key} has {longest} rows or columns; the page takes plants of up to {most} states",
-                    f"{place}.{key}",
-                )
+                place = ".".join((*path, key))
+                problem, remedy = f"has {longest} rows or columns", f"the page takes plants of up to {most} states"
+                raise Mistake(key, value, remedy, problem=problem, subject=place, key=place)
     hardware = table("simulation", "hardware")
     for key in ("outages", "stuck") if isinstance(hardware, dict) else ():
         value = hardware.get(key)
         if isinstance(value, list) and len(value) > LIMITS["faults"]:
-            raise Complaint(
-                f"simulation.hardware.{key} lists {len(value)} faults; the page takes up to {LIMITS['faults']}",
-                f"simulation.hardware.{key}",
-            )
+            place = f"simulation.hardware.{key}"
+            problem, remedy = f"lists {len(value)} faults", f"the page takes up to {LIMITS['faults']}"
+            raise Mistake(key, value, remedy, problem=problem, subject=place, key=place)
 
 
 def _bound_run(project: Project) -> None:
@@ -188,7 +181,8 @@ def _bound_run(project: Project) -> None:
     law, table, most = project.controller, project.file.simulation, LIMITS["steps"]
     steps = _periods("duration", table.duration, law.Ts, most, "simulation.duration", "shorten it, or lengthen Ts")
     if check.periods(table.duration, law.Ts) < 1:
-        raise Complaint(f"duration is {table.duration:g} s, less than a period; lengthen it", "simulation.duration")
+        problem = f"is {table.duration:g} s, less than a period"
+        raise Mistake("duration", table.duration, "lengthen it", problem=problem, key="simulation.duration")
     truth = project.truth
     if isinstance(truth, Plant):
         delay, place = float(truth.input_delay.max()), "simulation.plant" if table.plant else "plant"
@@ -199,32 +193,25 @@ def _bound_run(project: Project) -> None:
             _periods(key, longest, law.Ts, limit, f"simulation.hardware.{key}", "shorten it")
     told = steps * law.evaluations * law.plant.outputs * law.order
     if told > LIMITS["told"]:
-        raise Complaint(
-            f"steps is {law.evaluations}, and over {steps} periods that takes {told} values of the reference; "
-            "shorten the run or the horizon",
-            "controller.steps",
-        )
-    tried = steps * len(law._actuator.candidates)
+        problem = f"is {law.evaluations}, and over {steps} periods that takes {told} values of the reference"
+        remedy = "shorten the run or the horizon"
+        raise Mistake("steps", law.evaluations, remedy, problem=problem, key="controller.steps")
+    tried = steps * len(law.actuator.candidates)
     if tried > LIMITS["tried"]:
-        raise Complaint(
-            f"levels form {len(law._actuator.candidates)} commands, too many to try in {steps} periods; shorten the run, "
-            "or use fewer levels",
-            "actuator.levels",
-        )
+        problem = f"form {len(law.actuator.candidates)} commands, too many to try in {steps} periods"
+        remedy = "shorten the run, or use fewer levels"
+        raise Mistake("levels", law.levels, remedy, problem=problem, key="actuator.levels")
     if isinstance(table.disturbance, Valve) and steps > LIMITS["valve_steps"]:
-        raise Complaint(
-            f"duration is {table.duration:g} s, {steps} periods; with a valve as disturbance the page runs up to "
-            f"{LIMITS['valve_steps']}, shorten it",
-            "simulation.duration",
-        )
+        problem = f"is {table.duration:g} s, {steps} periods"
+        remedy = f"with a valve as disturbance the page runs up to {LIMITS['valve_steps']}, shorten it"
+        raise Mistake("duration", table.duration, remedy, problem=problem, key="simulation.duration")
 
 
-def _periods(name: str, seconds: float, Ts: float, most: int, field: str, remedy: str) -> int:
+def _periods(name: str, seconds: float, Ts: float, most: int, key: str, remedy: str) -> int:
     """A time in periods, if it is not too long."""
     if seconds > 0.0 and not seconds / Ts <= most:
-        raise Complaint(
-            f"{name} is {seconds:g} s, {seconds / Ts:.3g} periods of Ts; the page takes up to {most}, {remedy}", field
-        )
+        problem = f"is {seconds:g} s, {seconds / Ts:.3g} periods of Ts"
+        raise Mistake(name, seconds, f"the page takes up to {most}, {remedy}", problem=problem, key=key)
     return math.ceil(seconds / Ts)
 
 

@@ -12,22 +12,28 @@ from typing import Any
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from foreswitch._helpers.json import json_text
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.page.limits import LONGEST_JOB
-from foreswitch.page.wire import pack
+from foreswitch.page.wire import pack, told
 from foreswitch.page.workers import Busy, Job, Overrun, Pool
 
-__all__ = ["KINDS", "Talk", "run_job"]
+__all__ = ["KINDS", "Talk", "busy", "run_job"]
 
 #: Requests of one page that may wait for processes of one kind: each may hold as much as a message.
 LANES = 32
 #: Kind -> lane: nothing that takes seconds stands before what takes milliseconds.
 KINDS = {"look": "fast", "costs": "fast", "certify": "slow", "baseline": "slow"}
 
+#: What makes a job of each kind smaller.
 REMEDIES = {
-    "project": "give a shorter file",
-    "columns": "give a shorter record",
-    "identify": "give a shorter record, or name the structure",
-    "baseline": "make the run or the budget smaller",
+    "look": "make the run shorter or the horizon smaller",
+    "costs": "make the run shorter or the horizon smaller",
+    "certify": "make the run shorter or leave the margins out",
+    "baseline": "make the run shorter or the budget smaller",
+    "project": "make the files smaller",
+    "columns": "make the upload smaller",
+    "identify": "make the upload smaller or name the structure",
+    "export": "make the run shorter or the horizon smaller",
 }
 
 
@@ -43,17 +49,23 @@ async def run_job(pool: Pool, choose: Callable[[], tuple[dict[str, Any], bytes]]
     try:
         return await pool.run(job)
     except Busy:
-        sentence = "the page has too much to do at present; try again in a moment"
+        head, _ = choose()
+        mistake = busy()
     except Overrun:
-        sentence = (
-            "this takes longer than {limit:g} s, or more memory than there is; make the run or the search shorter"
-        )
-    head, _ = chosen[0] if chosen else choose()
-    remedy = REMEDIES.get(head["kind"], "make the run or the search shorter")
-    complaint = {"message": sentence.format(limit=LONGEST_JOB[head["kind"]], remedy=remedy), "field": None}
+        head, _ = chosen[0]
+        kind = head["kind"]
+        problem = f"takes longer than {LONGEST_JOB[kind]:g} s, or more memory than there is"
+        mistake = Mistake("request", kind, REMEDIES[kind], problem=problem, subject="this")
     if head["kind"] in KINDS:
-        return {"status": 422}, pack({"id": head["id"], "kind": head["kind"], "error": complaint})
-    return {"status": 422, "type": "application/json"}, json_text({"error": complaint}).encode()
+        return {"status": 422}, pack({"id": head["id"], "kind": head["kind"], "error": told(mistake)})
+    return {"status": 422, "type": "application/json"}, json_text({"error": told(mistake)}).encode()
+
+
+def busy() -> Mistake:
+    """What is said where nothing is wrong with a request but its moment."""
+    return Mistake(
+        "request", None, "try again in a moment", problem="has too much to do at present", subject="the page"
+    )
 
 
 class Talk:
@@ -93,23 +105,29 @@ class Talk:
         text = message.get("text")
         try:
             if text is None:
-                raise ValueError("the message is binary; send JSON as text")
+                raise Mistake("message", None, "send JSON as text", problem="is binary", subject="the message")
             name, kind, key = _address(json.loads(text))
+        except Mistake as mistake:
+            await self._refuse(None, None, mistake)
+            return
         except (ValueError, RecursionError) as error:
-            about = "it is nested too deeply" if isinstance(error, RecursionError) else str(error)
-            complaint = {"message": f"the message cannot be read ({about}); send a request in JSON", "field": None}
-            await self.socket.send_bytes(pack({"id": None, "kind": None, "error": complaint}))
+            about = "it is nested too deeply" if isinstance(error, RecursionError) else error
+            problem, subject = f"cannot be read ({about})", "the message"
+            await self._refuse(None, None, Mistake("message", None, "send JSON", problem=problem, subject=subject))
             return
         lane = KINDS[kind]
         older = self.waiting[lane].get((kind, key))
         if older is None and len(self.waiting[lane]) >= LANES:
-            complaint = {"message": "too many requests wait; ask again when some are answered", "field": None}
-            await self.socket.send_bytes(pack({"id": name, "kind": kind, "error": complaint}))
+            remedy = "ask again when some are answered"
+            await self._refuse(name, kind, Mistake("request", key, remedy, problem="wait", subject="too many requests"))
             return
         self.waiting[lane][kind, key] = (name, text.encode())  # in the older one's place
         self.news[lane].set()
         if older is not None:
             await self.socket.send_bytes(pack({"id": older[0], "kind": kind, "stale": True}))
+
+    async def _refuse(self, name: Any, kind: str | None, mistake: Mistake) -> None:
+        await self.socket.send_bytes(pack({"id": name, "kind": kind, "error": told(mistake)}))
 
     async def _answer(self, lane: str) -> None:
         """One request after the other, so that no client takes more than its share."""
@@ -136,12 +154,13 @@ def _oldest(waiting: dict[tuple[str, str], tuple[Any, bytes]]) -> tuple[dict[str
 def _address(request: Any) -> tuple[Any, str, str]:
     """Name, kind and key of a request."""
     if not isinstance(request, dict):
-        raise ValueError("it is no object")
+        remedy = "send an object with id, kind and project"
+        raise Mistake("message", request, remedy, problem="is not an object", subject="the message")
     name, kind, key = request.get("id"), request.get("kind"), request.get("lane", "")
     if isinstance(name, bool) or not isinstance(name, (int, str)) or len(str(name)) > 64:
-        raise ValueError("its id is neither a whole number nor a short text")
+        raise Mistake("id", name, "give a whole number or a short text")
     if not isinstance(kind, str) or kind not in KINDS:
-        raise ValueError(f"its kind is none of {', '.join(KINDS)}")
+        raise Mistake("kind", kind, f"give one of {', '.join(KINDS)}")
     if not isinstance(key, str) or len(key) > 64:
-        raise ValueError("its lane is no short text")
+        raise Mistake("lane", key, "give a short text")
     return name, kind, key

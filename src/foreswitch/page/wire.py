@@ -11,8 +11,10 @@ import numpy as np
 
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.json import json_text
+from foreswitch._helpers.mistake import Mistake, shortened
+from foreswitch.page.limits import LIMITS
 
-__all__ = ["frame", "pack", "unpack"]
+__all__ = ["frame", "pack", "told", "unpack"]
 
 
 def pack(header: dict[str, Any], arrays: dict[str, Array] | None = None) -> bytes:
@@ -45,3 +47,17 @@ def frame(head: dict[str, Any], body: bytes = b"") -> bytes:
     """Header and body under their lengths, as a worker reads and writes them."""
     text = json_text(head).encode()
     return b"".join([struct.pack("<II", len(text), len(body)), text, body])
+
+
+def told(mistake: Mistake) -> dict[str, Any]:
+    """What a client reads of a mistake: one sentence, and the field it belongs to.
+
+    Parameters
+    ----------
+    mistake : Mistake
+
+    Returns
+    -------
+    dict
+    """
+    return {"message": shortened(str(mistake), LIMITS["sentence"]), "field": mistake.key}

@@ -29,7 +29,7 @@ class Overrun(Exception):
 
 
 class Busy(Exception):
-    """Too many jobs wait already."""
+    """Too many jobs wait already, or no process has become free for one."""
 
 
 class _Worker:
@@ -131,7 +131,7 @@ class Pool:
         Raises
         ------
         Busy
-            If too many jobs wait already.
+            If too many jobs wait already, or none of the processes becomes free.
         Overrun
             If it took longer, or its process died; that process is ended then.
         """
@@ -141,7 +141,7 @@ class Pool:
         try:
             worker = await asyncio.wait_for(self._idle.get(), LOADING)
         except TimeoutError as error:
-            raise Overrun from error
+            raise Busy from error
         finally:
             self.waiting -= 1
         done = False

@@ -3,7 +3,7 @@
 In: one TOML file. Out: a `Project`, that is plant, controller, reference and simulation ready to run, or the first mistake
 with its key.
 
-Rooms, in the order of the data: `tables` (declared keys), `mistakes` (a complaint in the words of the file), `project`.
+Rooms, in the order of the data: `tables` (declared keys), `mistakes` (their misfits, in the words of the file), `project`.
 """
 
 from foreswitch.project.project import Project

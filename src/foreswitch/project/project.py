@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from foreswitch._helpers import check
+from foreswitch._helpers.mistake import Mistake, inside, within
 from foreswitch._helpers.text import nearest
 from foreswitch.certificate.certificate import Certificate, certify
 from foreswitch.control.controller import Controller
@@ -19,7 +20,7 @@ from foreswitch.control.kalman import Kalman
 from foreswitch.control.objective import Endpoint, Horizon
 from foreswitch.model.reference import Reference, Stack, sample
 from foreswitch.project.mistakes import validated
-from foreswitch.project.tables import ControllerTable, ReferenceTable, Valve
+from foreswitch.project.tables import CONTROLLER_KEYS, SIMULATION_KEYS, ControllerTable, ReferenceTable, Valve
 from foreswitch.simulation.baselines import Baseline, Tuned, tune
 from foreswitch.simulation.loop import Law, measured_state, simulate
 from foreswitch.simulation.run import Run
@@ -51,10 +52,14 @@ class Project:
         self._readable = None if folder is None else self.folder
         self.plant = self.file.plant.build()
         self.controller = self.build_controller()
-        tables = self.file.reference if isinstance(self.file.reference, list) else [self.file.reference]
-        parts = [table.build(self._readable) for table in tables]
+        tables = self.file.reference
+        if isinstance(tables, list):
+            parts = [table.build(self._readable, f"reference.{i}") for i, table in enumerate(tables)]
+        else:
+            parts = [tables.build(self._readable)]
         if len(parts) != self.plant.outputs:
-            raise ValueError(f"[reference] stands {len(parts)} time(s); the plant has {self.plant.outputs} output(s)")
+            problem, remedy = f"stands {len(parts)} time(s)", f"the plant has {self.plant.outputs} output(s)"
+            raise Mistake("reference", parts, remedy, problem=problem, subject="[reference]", key="reference")
         self.reference: Reference = parts[0] if len(parts) == 1 else Stack(*parts)
         self._simulated()
 
@@ -85,16 +90,15 @@ class Project:
 
     def _disturbances(self, folder: Path | None) -> Stack | None:
         """The disturbances that run a course of their own."""
-        tables, wanted = self.file.simulation.disturbance, self.truth.disturbances
+        place, tables, wanted = "simulation.disturbance", self.file.simulation.disturbance, self.truth.disturbances
         courses = [
-            table.build(folder, "simulation.disturbance")
-            for table in (tables if isinstance(tables, list) else [])
+            table.build(folder, f"{place}.{i}")
+            for i, table in enumerate(tables if isinstance(tables, list) else [])
             if isinstance(table, ReferenceTable)
         ]
         if courses and len(courses) != wanted:
-            raise ValueError(
-                f"[simulation.disturbance] stands {len(courses)} time(s); the plant has {wanted} disturbance(s)"
-            )
+            problem, remedy = f"stands {len(courses)} time(s)", f"the plant has {wanted} disturbance(s)"
+            raise Mistake("disturbance", courses, remedy, problem=problem, subject=f"[{place}]", key=place)
         return Stack(*courses) if courses else None
 
     @classmethod
@@ -117,14 +121,14 @@ class Project:
         try:
             content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
-            raise ValueError(f"{path} cannot be read ({reason}); give a project file, see 'foreswitch init'") from None
+            problem = f"cannot be read ({error.strerror if isinstance(error, OSError) else 'it is not UTF-8'})"
+            remedy = "give a project file, see 'foreswitch init'"
+            raise Mistake("path", path, remedy, problem=problem, subject=str(path)) from None
         except tomllib.TOMLDecodeError as error:
-            raise ValueError(f"{path} is not valid TOML ({error}); correct that line") from None
-        try:
+            problem = f"is not valid TOML ({error})"
+            raise Mistake("path", path, "correct that line", problem=problem, subject=str(path)) from None
+        with inside(path):
             return cls(content, Path(path).parent)
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
 
     def build_controller(self, **changes: Any) -> Controller:
         """The controller, with some settings changed.
@@ -139,22 +143,26 @@ class Project:
         Controller
         """
         actuator, controller, estimator = self.file.actuator, self.file.controller, self.file.estimator
-        settings = actuator.model_dump() | controller.given(*controller.ALWAYS) | {"plant": self.plant}
-        settings["estimator"] = Kalman(**estimator.model_dump()) if estimator else None
+        settings = actuator.model_dump() | controller.given(*controller.ALWAYS)
+        settings |= {"plant": self.plant, "estimator": None}
         known = settings.keys() | ControllerTable.model_fields.keys()
         unknown = sorted(changes.keys() - known)
         if unknown:
-            raise ValueError(f"{unknown[0]!r} is no setting of a controller; {nearest(unknown[0], known)}")
+            name, problem = unknown[0], "is not a setting of a controller"
+            raise Mistake(name, changes[name], nearest(name, known), problem=problem, subject=repr(name))
         objective = changes.get("objective")
         of_objective = {name: value for name, value in changes.items() if name not in settings and name != "objective"}
-        if objective is None:
-            objective = controller.model_copy(update=of_objective).build()
-        elif not isinstance(objective, (Endpoint, Horizon)):
-            raise ValueError(f"objective is {objective!r}; give an Endpoint or a Horizon")
-        elif of_objective:
-            raise ValueError(f"{min(of_objective)!r} is given beside an objective; put it into that")
+        if objective is not None and not isinstance(objective, (Endpoint, Horizon)):
+            raise Mistake("objective", objective, "give an Endpoint or a Horizon")
+        if objective is not None and of_objective:
+            name, problem = min(of_objective), "is given beside an objective"
+            raise Mistake(name, changes[name], "put it into that", problem=problem, subject=repr(name))
         own = {name: value for name, value in changes.items() if name in settings}
-        return Controller(**(settings | own | {"objective": objective}))
+        instead = changes.keys() | (controller.model_fields_set - set(controller.ALWAYS) if objective else set())
+        with within(None, _of_the_file(CONTROLLER_KEYS, instead)):
+            settings["estimator"] = Kalman(**estimator.model_dump()) if estimator else None
+            settings["objective"] = objective or controller.model_copy(update=of_objective).build()
+            return Controller(**(settings | own))
 
     def build_baseline(self, kind: type[Baseline], **parameters: Any) -> Baseline:
         """A baseline for this project's actuator.
@@ -170,7 +178,9 @@ class Project:
         -------
         Baseline
         """
-        return kind(self.plant, self.file.actuator.levels, self.controller.Ts, **parameters, **self._shared())
+        shared = self._shared()
+        with within(None, _of_the_file(CONTROLLER_KEYS, parameters)):
+            return kind(self.plant, self.file.actuator.levels, self.controller.Ts, **parameters, **shared)
 
     def tune(self, kind: type[Baseline], *, budget: int = 300, seed: int = 0) -> Tuned:
         """The best baseline of a kind on this project's task, see `foreswitch.baselines.tune`.
@@ -186,19 +196,21 @@ class Project:
         -------
         Tuned
         """
-        settings = self._settings(self.reference, self.controller.Ts, {})
-        duration, truth = settings.pop("duration"), settings.pop("plant")
-        return tune(
-            kind, self.plant, self.file.actuator.levels, self.controller.Ts, self.reference, duration, budget=budget,
-            search_seed=seed, preview=float(np.max(self.controller.reference_times)), shared=self._shared(), truth=truth,
-            **settings,
-        )  # fmt: skip
+        settings = self.simulation_settings()
+        duration, truth, shared = settings.pop("duration"), settings.pop("plant"), self._shared()
+        with within(None, CONTROLLER_KEYS | self.simulation_keys):
+            return tune(
+                kind, self.plant, self.file.actuator.levels, self.controller.Ts, self.reference, duration, budget=budget,
+                search_seed=seed, preview=float(np.max(self.controller.reference_times)), shared=shared, truth=truth,
+                **settings,
+            )  # fmt: skip
 
     def _shared(self) -> dict[str, Any]:
         """What every law of this project has to respect."""
         if self.file.estimator:
-            raise ValueError(
-                "[estimator] is there, but baselines measure the whole state; remove it to compare with them"
+            problem, remedy = "is there, but baselines measure the whole state", "remove it to compare with them"
+            raise Mistake(
+                "estimator", self.file.estimator, remedy, problem=problem, subject="[estimator]", key="estimator"
             )
         return self.file.actuator.given("min_on", "min_off", "safe_level", "forbidden")
 
@@ -236,8 +248,14 @@ class Project:
         Run
         """
         law, reference = controller or self.controller, reference or self.reference
-        settings = self._settings(reference, law.Ts, changes)
-        return simulate(law, reference, settings.pop("duration"), **settings)
+        with within(None, _of_the_file(self.simulation_keys, changes)):
+            settings = self.simulation_settings(reference, law.Ts, **changes)
+            return simulate(law, reference, settings.pop("duration"), **settings)
+
+    @property
+    def simulation_keys(self) -> dict[str, str]:
+        """Argument of `foreswitch.simulate`, or of its hardware, and the key that it is read from."""
+        return SIMULATION_KEYS | {"plant": "simulation.plant" if self.file.simulation.plant else "plant"}
 
     def certify(self, reference: Callable[..., ArrayLike] | None = None, **changes: Any) -> Certificate:
         """What is proven of the project's controller on its reference, from its initial state.
@@ -269,17 +287,34 @@ class Project:
         if "load" not in changes and table.load is not None:
             settings["load"] = np.abs(table.load)
         if isinstance(table.disturbance, Valve):
-            raise ValueError(
-                "[simulation.disturbance] is a valve that follows the output, around which nothing is proven; give its "
-                "flow over time, or remove it"
-            )
-        if "disturbance" not in changes and self.plant.disturbances:
-            course = self._settings(reference, self.controller.Ts, {"duration": settings["duration"]})
-            settings["disturbance"] = course["disturbance"]
-        return certify(self.controller, **settings)
+            problem = "is a valve that follows the output, around which nothing is proven"
+            remedy, key = "give its flow over time, or remove it", "simulation.disturbance"
+            raise Mistake("disturbance", table.disturbance, remedy, problem=problem, subject=f"[{key}]", key=key)
+        with within(None, _of_the_file(self.simulation_keys, changes)):
+            if "disturbance" not in changes and self.plant.disturbances:
+                course = self.simulation_settings(reference, duration=settings["duration"])
+                settings["disturbance"] = course["disturbance"]
+            return certify(self.controller, **settings)
 
-    def _settings(self, reference: Callable[..., ArrayLike], Ts: float, changes: dict[str, Any]) -> dict[str, Any]:
-        """Arguments of `foreswitch.simulate`."""
+    def simulation_settings(
+        self, reference: Callable[..., ArrayLike] | None = None, Ts: float | None = None, **changes: Any
+    ) -> dict[str, Any]:
+        """Arguments of `foreswitch.simulate` as [simulation] gives them.
+
+        Parameters
+        ----------
+        reference : callable, optional
+            Default: the project's; a valve of [simulation.disturbance] follows it.
+        Ts : float, optional
+            Switching period [s] at which disturbances are sampled. Default: the controller's.
+        **changes
+            Arguments that replace those of [simulation].
+
+        Returns
+        -------
+        dict
+        """
+        reference, Ts = reference or self.reference, Ts or self.controller.Ts
         table = self.file.simulation
         settings: dict[str, Any] = table.given("duration", "x0", "noise", "load")
         settings |= {"plant": self.truth, "hardware": self.hardware, "seed": self.seed} | changes
@@ -291,3 +326,9 @@ class Project:
             w = sample(self._courses, t, self._courses.outputs, 1)[:, :, 0]
         settings.setdefault("disturbance", w)
         return settings
+
+
+def _of_the_file(keys: Mapping[str, str], changes: Collection[str]) -> dict[str, str]:
+    """Without what the caller gives instead: an argument, or with a plant or a hardware all that belongs to it."""
+    given = tuple(f"{keys[name]}." for name in changes if name in keys)
+    return {argument: key for argument, key in keys.items() if not f"{key}.".startswith(given)}

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
 
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake, shown, within
 from foreswitch._helpers.units import described
 from foreswitch.control.objective import Endpoint, Horizon
 from foreswitch.model.hardware import Hardware, Stuck
@@ -19,6 +20,8 @@ from foreswitch.model.plant import Plant
 from foreswitch.model.reference import HalfSine, Ramp, Reference, Samples, Sine, Steps, sample
 
 __all__ = [
+    "CONTROLLER_KEYS",
+    "SIMULATION_KEYS",
     "SUBTABLES",
     "TABLES",
     "ActuatorTable",
@@ -56,6 +59,15 @@ class Table(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
+    #: Argument -> the key it is read from, where the two bear different names.
+    ARGUMENTS: ClassVar[dict[str, str]] = {}
+
+    @classmethod
+    def keys_at(cls, place: str) -> dict[str, str]:
+        """Argument -> key in the file, "actuator.Ts", of what this table gives when it stands at ``place``."""
+        named = {name: name for name in cls.model_fields} | cls.ARGUMENTS
+        return {argument: f"{place}.{key}" for argument, key in named.items()}
+
     def given(self, *names: str) -> dict[str, Any]:
         """The keys that were set, as arguments."""
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
@@ -76,12 +88,14 @@ class Choice(Table):
         missing = [name for name in needed if getattr(self, name) is None]
         surplus = self.model_fields_set - {self.BY, *needed, *optional, *self.ALWAYS}
         if missing and (self.BY in self.model_fields_set or not surplus):
-            raise ValueError(f"[{table}] has no key {missing[0]!r}, which {self.BY} = {choice!r} needs; add it")
+            problem = f"has no key {missing[0]!r}, which {self.BY} = {choice!r} needs"
+            raise Mistake(missing[0], None, "add it", problem=problem, subject=f"[{table}]")
         if surplus:
             key = min(surplus)
             others = [other for other, (must, may) in self.USES.items() if key in (*must, *may)]
             remedy = f"remove it, or give {self.BY} = {others[0]!r}" if len(others) == 1 else "remove it"
-            raise ValueError(f"[{table}] has key {key!r}, which {self.BY} = {choice!r} does not use; {remedy}")
+            problem = f"has key {key!r}, which {self.BY} = {choice!r} does not use"
+            raise Mistake(key, getattr(self, key), remedy, problem=problem, subject=f"[{table}]")
         return self.given(*needed, *optional)
 
 
@@ -118,14 +132,14 @@ class PlantTable(Choice):
 
     def build(self, table: str = "plant") -> Plant:
         """The plant."""
-        arguments = self.arguments(table)
         build: dict[str, Callable[..., Plant]] = {
             "integrator_lag": lambda k, c: Plant.integrator_lag(k, c, 0.0),
             "fopdt": lambda K, T: Plant.fopdt(K, T, 0.0),
             "transfer_function": Plant.from_tf,
             "state_space": lambda A, B: Plant(A, B, self.C),  # C says how many outputs there are
         }
-        return build[self.model](**arguments).replace(**self.given(*self.ALWAYS))
+        with within(table, self.keys_at(table)):
+            return build[self.model](**self.arguments(table)).replace(**self.given(*self.ALWAYS))
 
 
 class ActuatorTable(Table):
@@ -225,6 +239,7 @@ class ReferenceTable(Choice):
         "samples": (("file",), ("time", "value", "between")),
         "points": (("times", "values"), ("between",)),
     }
+    ARGUMENTS = {"t": "times", "y": "values", "path": "file"}
 
     kind: Literal["constant", "half_sine", "sine", "ramp", "steps", "samples", "points"] = Key(
         means="decides which of the next keys are used"
@@ -246,18 +261,23 @@ class ReferenceTable(Choice):
 
     def build(self, folder: Path | None, table: str = "reference") -> Reference:
         """The reference of one output, or the course of one disturbance."""
+        with within(table, self.keys_at(table)):
+            return self._built(folder, table)
+
+    def _built(self, folder: Path | None, table: str) -> Reference:
         arguments = self.arguments(table)
         if self.kind in ("samples", "points"):
             kind = arguments.pop("between", "pchip")
             if self.kind == "points":
                 return Samples(self.times or [], self.values or [], kind=kind)
             if folder is None:
-                raise ValueError(f"[{table}] file is {self.file!r}, and there are no files here; give its points")
+                problem = f"is {shown(self.file)}, and there are no files here"
+                raise Mistake("file", self.file, "give its points", problem=problem, subject=f"[{table}] file")
             path = folder / arguments.pop("file")
             return Samples.read_csv(path, kind=kind, **arguments)
         if self.kind == "constant":
             if not isinstance(self.value, float):
-                raise ValueError(f"[{table}] value is {self.value!r}; give a number")
+                raise Mistake("value", self.value, "give a number", subject=f"[{table}] value")
             return Steps([0.0], [self.value])
         build: dict[str, Callable[..., Reference]] = {"half_sine": HalfSine, "sine": Sine, "ramp": Ramp, "steps": Steps}
         return build[self.kind](**arguments)
@@ -308,13 +328,17 @@ class HardwareTable(Table):
     stuck: list[StuckTable] = Key([], means="actuators that stay at one level for a while")
     drift: PlantTable | None = Key(None, means="the truth at the end of the run; keys as in [plant]")
 
-    def build(self) -> Hardware:
+    def build(self, table: str = "simulation.hardware") -> Hardware:
         """The hardware."""
+        drift = self.drift.build(f"{table}.drift") if self.drift else None
+        stuck = []
+        for i, fault in enumerate(self.stuck):
+            with within(f"{table}.stuck.{i}", fault.keys_at(f"{table}.stuck.{i}")):
+                stuck.append(Stuck(**fault.given("level", "start", "end", "input")))
         settings = self.given("opening", "closing", "quantum", "low", "high", "process_noise", "missing", "late")
-        stuck = [Stuck(**fault.given("level", "start", "end", "input")) for fault in self.stuck]
-        drift = self.drift.build("simulation.hardware.drift") if self.drift else None
         outages: Any = [tuple(window) for window in self.outages]  # Hardware judges them
-        return Hardware(**settings, stuck=stuck, drift=drift, outages=outages)
+        with within(table, self.keys_at(table)):
+            return Hardware(**settings, stuck=stuck, drift=drift, outages=outages)
 
 
 class SimulationTable(Table):
@@ -362,3 +386,14 @@ TABLES: dict[str, type[Table]] = {
     "simulation.hardware.drift": PlantTable,
 }
 SUBTABLES = {name.rpartition(".")[2]: table for name, table in TABLES.items()}
+
+#: Argument of `Controller`, of its objective or its estimator -> key in the file.
+CONTROLLER_KEYS = {
+    name: key
+    for table in ("plant", "actuator", "controller", "estimator")
+    for name, key in {table: table, **TABLES[table].keys_at(table)}.items()
+}
+#: Argument of `simulate` or of its hardware -> key in the file.
+SIMULATION_KEYS = {
+    **HardwareTable.keys_at("simulation.hardware"), **SimulationTable.keys_at("simulation"), "reference": "reference",
+}  # fmt: skip

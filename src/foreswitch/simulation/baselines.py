@@ -18,9 +18,10 @@ from numpy.typing import ArrayLike
 from foreswitch._binding import CORES
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake
 from foreswitch._helpers.text import tree
 from foreswitch.control.actuator import dwell_periods, input_levels, level_indices, safe_indices
-from foreswitch.control.controller import canonical_reference
+from foreswitch.control.decision import canonical_reference
 from foreswitch.model.nonlinear import SteppedPlant
 from foreswitch.model.plant import Plant
 from foreswitch.model.prediction import relative_degrees
@@ -29,6 +30,10 @@ from foreswitch.simulation.loop import simulate
 from foreswitch.simulation.run import Run
 
 __all__ = ["BASELINES", "PIPWM", "Baseline", "Known", "Relay", "SmithPWM", "Tuned", "tune"]
+
+
+#: Of all kinds, besides the carrier.
+SETTINGS = ("hysteresis", "deadband", "lead", "kp", "ki", "kd", "kf", "bias")
 
 
 class Baseline(ABC):
@@ -76,11 +81,11 @@ class Baseline(ABC):
         preview: float = 0.0,
     ) -> None:
         if not isinstance(plant, Plant):
-            raise ValueError(f"plant is a {type(plant).__name__}; give a Plant")
+            raise Mistake("plant", plant, "give a Plant", problem=f"is a {type(plant).__name__}")
         self.plant, self.levels = plant, input_levels(levels, plant.inputs)
         self.Ts = check.number("Ts", Ts, above=0.0)
-        self._safe = safe_indices(safe_level, self.levels)
-        self._dwell, _ = dwell_periods(self.levels, self._safe, min_on, min_off, self.Ts)
+        self.safe = safe_indices(safe_level, self.levels)
+        self.dwell, _ = dwell_periods(self.levels, self.safe, min_on, min_off, self.Ts)
         self._forbidden = [level_indices("forbidden", command, self.levels) for command in forbidden]
         self._preview = check.number("preview", preview)
 
@@ -89,8 +94,8 @@ class Baseline(ABC):
         """Offset from t_k at which the reference is sampled [s], shape (1,)."""
         return np.array([self._preview])
 
-    def _start(self, relay: tuple[float, float, float], pwm: tuple[float, float, float, float, float, int]) -> None:
-        """Hand the parameters to C."""
+    def _start(self, **settings: float) -> None:
+        """Hand the law's own settings to C, by the names of core/host/baselines.h; those not given are zero."""
         plant = self.plant
         degrees = relative_degrees(plant)
         powers = [plant.C]
@@ -102,16 +107,19 @@ class Baseline(ABC):
         mix = np.linalg.pinv(reach)
         mix /= np.maximum(np.linalg.norm(mix, axis=1, keepdims=True), 1e-300)
         body, _ = core_plant(plant, self.Ts, self.real)
-        arrays = (
-            np.ascontiguousarray(rate),
-            np.ascontiguousarray(mix),
-            np.array(self._forbidden, dtype=np.uint8).reshape(-1, plant.inputs),
-            np.array([values.size for values in self.levels], dtype=np.uint8),
-            np.concatenate(self.levels),
-            np.concatenate(self._dwell).astype(np.uint32),
-        )
-        self._parts = (self.KIND, body, self.order, self.Ts, tuple(self._safe), relay, pwm, arrays)
-        self._core = CORES[self.real].Baseline(*self._parts)
+        self._tables = dict.fromkeys(SETTINGS, 0.0) | {"carrier": 1} | settings | {
+            "kind": self.KIND, "order": self.order, "period": self.Ts,
+            "rate": np.ascontiguousarray(rate), "mix": np.ascontiguousarray(mix),
+            "forbidden": np.array(self._forbidden, dtype=np.uint8).reshape(-1, plant.inputs),
+            "level_count": np.array([values.size for values in self.levels], dtype=np.uint8),
+            "safe": np.array(self.safe, dtype=np.uint8), "levels": np.concatenate(self.levels),
+            "dwell": np.concatenate(self.dwell).astype(np.uint32),
+        }  # fmt: skip
+        self._body = body
+        self.core = self._new_core()
+
+    def _new_core(self) -> Any:
+        return CORES[self.real].Baseline(self._body, self._tables)
 
     def step(self, x: ArrayLike, reference: ArrayLike, *, disturbance: ArrayLike | None = None) -> Array:
         """One switching period, as `Controller.step`.
@@ -133,12 +141,12 @@ class Baseline(ABC):
         n, p = self.plant.states, self.plant.disturbances
         state = check.vector("x", x, n, "measured state")
         w = np.zeros(p) if disturbance is None else check.vector("disturbance", disturbance, p, "measured disturbance")
-        self._core.step(state, canonical_reference(reference, self.plant.outputs, self.order), w, u)
+        self.core.step(state, canonical_reference(reference, self.plant.outputs, self.order), w, u)
         return u
 
     def reset(self) -> None:
         """Forget the past: safe level, no integral."""
-        self._core.reset()
+        self.core.reset()
 
     def copy(self) -> Baseline:
         """The same design at its start.
@@ -148,15 +156,22 @@ class Baseline(ABC):
         Baseline
         """
         twin = copy.copy(self)
-        twin._core = CORES[self.real].Baseline(*self._parts)
+        twin.core = self._new_core()
         return twin
 
     def __repr__(self) -> str:
         own = {name: value for name, value in vars(self).items() if isinstance(value, float) and name[0] != "_"}
         return tree(type(self).__name__, [f"{name:<11}{value:.6g}" for name, value in own.items()])
 
-    def _history(self) -> Array:
-        return np.array([[values[i] for values, i in zip(self.levels, self._safe, strict=True)]])
+    @property
+    def safe_levels(self) -> Array:
+        """The level in which each input counts as off, shape (m,)."""
+        return np.array([values[i] for values, i in zip(self.levels, self.safe, strict=True)])
+
+    @property
+    def issued(self) -> Array:
+        """What was commanded before the first step, shape (1, m)."""
+        return self.safe_levels[None, :]
 
 
 class Relay(Baseline):
@@ -193,7 +208,7 @@ class Relay(Baseline):
         self.hysteresis = check.number("hysteresis", hysteresis, least=0.0)
         self.deadband = check.number("deadband", deadband, least=0.0)
         self.lead = check.number("lead", lead, least=0.0)
-        self._start((self.hysteresis, self.deadband, self.lead), (0.0, 0.0, 0.0, 0.0, 0.0, 1))
+        self._start(hysteresis=self.hysteresis, deadband=self.deadband, lead=self.lead)
 
 
 class PIPWM(Baseline):
@@ -235,8 +250,8 @@ class PIPWM(Baseline):
         self.kp, self.ki, self.kd = check.number("kp", kp), check.number("ki", ki), check.number("kd", kd)
         self.kf, self.bias = check.number("kf", kf), check.number("bias", bias)
         self.carrier = check.number("carrier", carrier, least=Ts * (1 - 1e-9))
-        gains = (self.kp, self.ki, self.kd, self.kf, self.bias)
-        self._start((0.0, 0.0, 0.0), (*gains, max(1, round(self.carrier / self.Ts))))
+        periods = max(1, round(self.carrier / self.Ts))
+        self._start(kp=self.kp, ki=self.ki, kd=self.kd, kf=self.kf, bias=self.bias, carrier=periods)
 
 
 class SmithPWM(PIPWM):
@@ -261,7 +276,8 @@ class SmithPWM(PIPWM):
         fastest = max(plant.poles, key=lambda pole: float(pole.real))
         if fastest.real > 1e-9:
             pole = fastest if fastest.imag else fastest.real
-            raise ValueError(f"plant has the unstable pole {pole:.3g}; a Smith predictor needs none")
+            problem = f"has the unstable pole {pole:.3g}"
+            raise Mistake("plant", plant, "a Smith predictor needs a plant without one", problem=problem)
         super().__init__(plant, levels, Ts, **options)
 
 
@@ -371,7 +387,7 @@ def tune(
         }
     else:
         box = {"hysteresis": (1e-5 * error, 0.3 * error), "lead": (1e-2 * time, 1e3 * time)}
-        if any(0 < i < values.size - 1 for i, values in zip(trial._safe, trial.levels, strict=True)):
+        if any(0 < i < values.size - 1 for i, values in zip(trial.safe, trial.levels, strict=True)):
             box["deadband"] = (1e-5 * error, 0.3 * error)
     bounds = {name: (float(np.log(low)), float(np.log(high))) for name, (low, high) in box.items()}
     if preview > 0:

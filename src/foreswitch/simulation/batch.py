@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from foreswitch._binding import CORES
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.model.nonlinear import SteppedPlant
 from foreswitch.model.plant import Plant
 from foreswitch.simulation.loop import Law, Loop, checked_seed
@@ -108,32 +109,36 @@ def simulate_batch(
     runs = seed.size
     workers = os.cpu_count() or 1 if threads is None else threads
     if workers < 1:
-        raise ValueError(f"threads is {threads}; give at least 1")
+        raise Mistake("threads", threads, "give at least 1")
     plants = list(plant) if isinstance(plant, Sequence) else [plant] * runs
     if len(plants) != runs:
-        raise ValueError(f"plant lists {len(plants)} plants for {runs} seeds; give one, or one per seed")
+        problem = f"lists {len(plants)} plants for {runs} seeds"
+        raise Mistake("plant", plant, "give one, or one per seed", problem=problem)
     first = Loop(controller, reference, duration, plant=plants[0] if plants else None, **simulation)
     n, m, q = first.truth.states, first.truth.inputs, first.truth.outputs
     for i, item in enumerate(plants):
         if item is not None and item.states != n:
-            raise ValueError(f"plant {i + 1} has {item.states} state(s) and the first one {n}; they must agree")
+            problem = f"{i + 1} has {item.states} state(s) and the first one {n}"
+            raise Mistake("plant", item, "they must agree", problem=problem)
     start = np.zeros((runs, n)) if x0 is None else check.array("x0", x0)
     if start.shape not in ((n,), (runs, n)):
-        raise ValueError(f"x0 has shape {start.shape}; give ({n},) or ({runs}, {n})")
+        raise Mistake("x0", x0, f"give ({n},) or ({runs}, {n})", problem=f"has shape {start.shape}")
     start = np.ascontiguousarray(np.broadcast_to(start, (runs, n)))
-    out = [np.empty((runs, width)) for width in (q, q, m, m)]
+    out = {"rms": np.empty((runs, q)), "largest": np.empty((runs, q)), "switches": np.empty((runs, m)),
+           "on": np.empty((runs, m))}  # fmt: skip
 
     def fill(loop: Loop, rows: slice) -> None:
-        columns = tuple(column[rows] for column in out)
         if loop.called:
             for i in range(*rows.indices(runs)):
                 run = loop.run(None if x0 is None else start[i], int(seed[i]))
-                for column, value in zip(out, figures(run.y, run.r, run.u, run.safe_level), strict=True):
+                for column, value in zip(out.values(), figures(run.y, run.r, run.u, run.safe_level), strict=True):
                     column[i] = value
             return
         law, body = loop.controller.copy(), loop.body()
-        arrays = (loop.told, loop.w, loop.extra, loop.past, loop.wanted, loop.safe, seed[rows], start[rows], *columns)
-        CORES[law.real].batch(law._core, body, loop.sensor, loop.steps, len(loop.past), arrays)
+        tables = {"reference": loop.told, "w": loop.w, "load": loop.extra, "past": loop.past, "wanted": loop.wanted,
+                  "safe": loop.safe, "seeds": seed[rows], "x0": start[rows]}  # fmt: skip
+        tables |= {name: column[rows] for name, column in out.items()}
+        CORES[law.real].batch(law.core, body, loop.sensor, loop.steps, len(loop.past), tables)
 
     position = 0
     with ThreadPoolExecutor(workers) as pool:
@@ -151,7 +156,7 @@ def simulate_batch(
             position += count
         for job in jobs:
             job.result()
-    return Batch(seed, out[0], out[1], out[2], out[3] * controller.Ts)
+    return Batch(seed, out["rms"], out["largest"], out["switches"], out["on"] * controller.Ts)
 
 
 def _seeds(given: Sequence[int] | int) -> np.ndarray[Any, np.dtype[np.uint64]]:
@@ -159,5 +164,5 @@ def _seeds(given: Sequence[int] | int) -> np.ndarray[Any, np.dtype[np.uint64]]:
     if isinstance(given, (int, np.integer)) and not isinstance(given, bool) and given >= 0:
         return np.arange(given, dtype=np.uint64)
     if not isinstance(given, (Sequence, np.ndarray)):
-        raise ValueError(f"seeds is {given!r}; give how many runs, or a list with the seed of each")
-    return np.array([checked_seed(each) for each in given], dtype=np.uint64)
+        raise Mistake("seeds", given, "give how many runs, or a list with the seed of each")
+    return np.array([checked_seed(each, "seeds") for each in given], dtype=np.uint64)

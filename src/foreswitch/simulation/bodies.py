@@ -25,11 +25,19 @@ DRIFT_PIECES = 100
 def core_plant(plant: Plant, Ts: float, real: str) -> tuple[Any, int]:
     """A plant in the form the C loop steps (always in double), and its longest dead time in periods."""
     model = prediction.period_model(plant, Ts)
-    sizes = (plant.states, plant.inputs, plant.outputs, plant.disturbances)
-    delay = np.array(model.delay, dtype=np.uint32)
-    arrays = (model.transition, model.old, model.new, model.load, model.disturbance, model.drift, delay, plant.C,
-              plant.y_offset)  # fmt: skip
-    return CORES[real].Plant(sizes, tuple(np.ascontiguousarray(a) for a in arrays)), int(delay.max())
+    tables = {
+        "transition": model.transition, "input_old": model.old, "input_new": model.new, "input_load": model.load,
+        "disturbance": model.disturbance, "drift": model.drift, "delay": np.array(model.delay, dtype=np.uint32),
+        "output": plant.C, "output_zero": plant.y_offset,
+    }  # fmt: skip
+    tables = {name: np.ascontiguousarray(values) for name, values in tables.items()}
+    return CORES[real].Plant(_sizes(plant) | tables), max(model.delay)
+
+
+def _sizes(plant: Plant | SteppedPlant) -> dict[str, Any]:
+    return {
+        "states": plant.states, "inputs": plant.inputs, "outputs": plant.outputs, "disturbances": plant.disturbances,
+    }  # fmt: skip
 
 
 def core_rig(plant: Plant | SteppedPlant, Ts: float, steps: int, what: Hardware) -> tuple[tuple[Any, ...], int]:
@@ -38,13 +46,14 @@ def core_rig(plant: Plant | SteppedPlant, Ts: float, steps: int, what: Hardware)
     opening, closing = (check.per(name, getattr(what, name), m, "input") for name in ("opening", "closing"))
     cuts = hardware.segments(plant.input_delay, opening, closing, Ts)
     process = check.per("process_noise", what.process_noise, plant.states, "state") * np.sqrt(Ts)
-    timing = (cuts.rise, cuts.fall, np.ascontiguousarray(process) if process.any() else None)
+    tables = _sizes(plant) | {
+        "segments": cuts.count, "rise": cuts.rise, "fall": cuts.fall,
+        "process": np.ascontiguousarray(process) if process.any() else None,
+    }  # fmt: skip
     faults = hardware.stuck_periods(what.stuck, Ts, m)
-    sizes = (plant.states, m, plant.outputs, plant.disturbances)
-    model: tuple[Any, ...]
-    pieces, length = 1, steps
+    called, pieces, length = None, 1, steps
     if isinstance(plant, SteppedPlant):
-        model = _callbacks(plant, cuts.edges, Ts)
+        called = _callbacks(plant, cuts.edges, Ts)
     else:
         course = [plant]
         if what.drift is not None:
@@ -52,10 +61,11 @@ def core_rig(plant: Plant | SteppedPlant, Ts: float, steps: int, what: Hardware)
             pieces = -(-steps // length)
             course = [hardware.between(plant, what.drift, (i + 0.5) / pieces) for i in range(pieces)]
         models = [hardware.segment_models(each, cuts.edges) for each in course]
-        stacked = [np.array([item[i] for item in models]) for i in range(4)]
-        outputs = [np.array([each.C for each in course]), np.array([each.y_offset for each in course])]
-        model = tuple(np.ascontiguousarray(a) for a in (*stacked, *outputs))
-    parts = (sizes, cuts.count, pieces, length, timing, faults, model)
+        names = ("transition", "input", "disturbance", "drift")
+        linear = {name: np.array([item[i] for item in models]) for i, name in enumerate(names)}
+        linear |= {"output": np.array([e.C for e in course]), "output_zero": np.array([e.y_offset for e in course])}
+        tables |= {name: np.ascontiguousarray(values) for name, values in linear.items()}
+    parts = (tables | {"pieces": pieces, "length": length}, faults, called)
     return parts, int(max(cuts.rise.max(), cuts.fall.max())) // cuts.count + 1
 
 
@@ -87,5 +97,8 @@ def core_sensor(
     if matrix is None and deviation is None and not lost and not limited:
         return None
     outages = np.array([[hardware.period(t, Ts) for t in window] for window in what.outages], dtype=np.uint64)
-    arrays = (matrix, deviation, quantum, low, high, outages if len(outages) else None)
-    return CORES[real].Sensor(measured, seen, float(what.missing), what.late / Ts, arrays)
+    return CORES[real].Sensor({
+        "measured": measured, "seen": seen, "missing": float(what.missing), "late": what.late / Ts, "matrix": matrix,
+        "deviation": deviation, "quantum": quantum, "low": low, "high": high,
+        "outages": outages if len(outages) else None,
+    })  # fmt: skip

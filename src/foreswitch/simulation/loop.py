@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from foreswitch._binding import CORES
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake, shown
 from foreswitch.model.hardware import Hardware
 from foreswitch.model.nonlinear import SteppedPlant
 from foreswitch.model.plant import Plant
@@ -29,19 +30,22 @@ class Law(Protocol):
 
     plant: Plant
     Ts: float
-    levels: list[Array]
     estimator: Any
-    _safe: list[int]
-    _core: Any
+    core: Any
 
     @property
     def real(self) -> str: ...
+    @property
+    def levels(self) -> list[Array]: ...
     @property
     def order(self) -> int: ...
     @property
     def reference_times(self) -> Array: ...
     def copy(self) -> Any: ...
-    def _history(self) -> Array: ...
+    @property
+    def issued(self) -> Array: ...
+    @property
+    def safe_levels(self) -> Array: ...
 
 
 def measured_state(model: Plant, truth: Plant) -> Array | None:
@@ -61,17 +65,14 @@ def measured_state(model: Plant, truth: Plant) -> Array | None:
 
     count = -(-model.states // model.outputs)
     observed = derivatives(model, count)
+    sizes = f"has {truth.states} states and the controller's model {model.states}"
     for name, plant in (("plant", truth), ("the controller's model", model)):
         if count > 1 and (np.abs(derivatives(plant, count - 1) @ plant.B) > 0).any():
-            raise ValueError(
-                f"plant has {truth.states} states and the controller's model {model.states}, and a derivative of the "
-                f"output of {name} jumps with the input; give sensor, the matrix from one state to the other"
-            )
+            problem = f"{sizes}, and a derivative of the output of {name} jumps with the input"
+            raise Mistake("plant", truth, "give sensor, the matrix from one state to the other", problem=problem)
     if np.linalg.matrix_rank(observed) < model.states:
-        raise ValueError(
-            f"plant has {truth.states} states and the controller's model {model.states}, which its outputs do not "
-            "determine; give sensor, the matrix from one to the other"
-        )
+        problem = f"{sizes}, which its outputs do not determine"
+        raise Mistake("plant", truth, "give sensor, the matrix from one to the other", problem=problem)
     return np.ascontiguousarray(np.linalg.pinv(observed) @ derivatives(truth, count))
 
 
@@ -79,7 +80,8 @@ def _rows(name: str, value: Signal | None, steps: int, width: int) -> Array:
     """A signal as one row per period; zero where it is a callable that fills it later."""
     if value is None or callable(value) or width == 0:
         if value is not None and width == 0:
-            raise ValueError(f"{name} is given, but the plant has none; give the plant a matrix E")
+            problem = "is given, but the plant has none"
+            raise Mistake(name, value, "give the plant a matrix E", problem=problem)
         return np.zeros((steps, width))
     given = check.array(name, value)
     if given.ndim == 1 and width == 1 and given.size in (steps, steps + 1) and given.size > 1:
@@ -87,9 +89,8 @@ def _rows(name: str, value: Signal | None, steps: int, width: int) -> Array:
     if given.ndim == 2 and given.shape[0] in (steps, steps + 1) and given.shape[1] == width:
         return np.ascontiguousarray(given[:steps])
     if given.ndim > 1 or given.size not in (1, width):
-        raise ValueError(
-            f"{name} has shape {given.shape}; give {width} value(s), or ({steps}, {width}), one row per period"
-        )
+        remedy = f"give {width} value(s), or ({steps}, {width}), one row per period"
+        raise Mistake(name, value, remedy, problem=f"has shape {given.shape}")
     return np.ascontiguousarray(np.broadcast_to(given, (steps, width)))
 
 
@@ -169,17 +170,18 @@ class Loop:
     ) -> None:
         truth = controller.plant if plant is None else plant
         if not isinstance(truth, (Plant, SteppedPlant)):
-            raise ValueError(f"plant is a {type(truth).__name__}; give a Plant, a NonlinearPlant or an FmuPlant")
+            problem = f"is a {type(truth).__name__}"
+            raise Mistake("plant", truth, "give a Plant, a NonlinearPlant or an FmuPlant", problem=problem)
         model, Ts = controller.plant, controller.Ts
         known = model.disturbances
         if (truth.inputs, truth.outputs) != (model.inputs, model.outputs) or known not in (0, truth.disturbances):
-            raise ValueError(
-                f"plant has {truth.inputs} input(s), {truth.outputs} output(s) and {truth.disturbances} disturbance(s); "
-                f"the controller's model has {model.inputs}, {model.outputs} and {known}, and they must agree"
-            )
+            problem = f"has {truth.inputs} input(s), {truth.outputs} output(s) and {truth.disturbances} disturbance(s)"
+            remedy = f"the controller's model has {model.inputs}, {model.outputs} and {known}, and they must agree"
+            raise Mistake("plant", truth, remedy, problem=problem)
         hardware = hardware or Hardware()
         if isinstance(truth, SteppedPlant) and (hardware.drift is not None or np.any(hardware.process_noise)):
-            raise ValueError("hardware has drift or process_noise, which only a linear plant can have; put it into f")
+            problem = "has drift or process_noise, which only a linear plant can have"
+            raise Mistake("hardware", hardware, "put it into f", problem=problem)
         self.controller, self.truth = controller, truth
         self.steps = check.periods(check.number("duration", duration, above=0.0), Ts)
         self.t = np.arange(self.steps + 1) * Ts
@@ -200,25 +202,24 @@ class Loop:
             self._rig, longest = core_rig(truth, Ts, self.steps, hardware)
         else:
             self._plant, longest = core_plant(truth, Ts, controller.real)
-        past = controller._history()
+        past = controller.issued
         self.past = np.vstack([np.repeat(past[:1], max(0, longest - len(past)), axis=0), past])
-        self.safe = np.array([values[i] for values, i in zip(controller.levels, controller._safe, strict=True)])
+        self.safe = controller.safe_levels
 
     def _matrix(self, sensor: ArrayLike | None) -> Array | None:
         model, truth = self.controller.plant, self.truth
         if self.controller.estimator is not None:
             if sensor is not None:
-                raise ValueError("sensor is given, but the controller measures the plant's outputs; put it into C")
+                problem = "is given, but the controller measures the plant's outputs"
+                raise Mistake("sensor", sensor, "put it into C", problem=problem)
             return None
         if sensor is not None:
             return np.ascontiguousarray(check.matrix("sensor", sensor, model.states, truth.states))
         if isinstance(truth, Plant):
             return measured_state(model, truth)
         if truth.states != model.states:
-            raise ValueError(
-                f"plant has {truth.states} states and the controller's model {model.states}; give sensor, the matrix "
-                "from one to the other"
-            )
+            problem = f"has {truth.states} states and the controller's model {model.states}"
+            raise Mistake("plant", truth, "give sensor, the matrix from one to the other", problem=problem)
         return None
 
     def body(self) -> Any:
@@ -234,7 +235,7 @@ class Loop:
         """An initial state, shape (n,)."""
         given = None
         if x0 is not None:
-            given = check.array("x0", np.atleast_1d(np.asarray(x0, dtype=np.float64)), (self.truth.states,))
+            given = check.array("x0", x0, (self.truth.states,), ndmin=1)
         if isinstance(self.truth, SteppedPlant):
             return self.truth.start(given)
         return np.zeros(self.truth.states) if given is None else given
@@ -256,7 +257,8 @@ class Loop:
         model, hat = law.plant.states, None
         if law.estimator is not None:
             hat = np.empty((steps, model + law.kalman.loads))
-        arrays = (self.told, w, extra, x, y, u, cost, nodes, status, hat)
+        tables = {"reference": self.told, "w": w, "load": extra, "x": x, "y": y, "u": u, "cost": cost, "nodes": nodes,
+                  "status": status, "estimate": hat}  # fmt: skip
         body, go = self.body(), CORES[law.real].run
         if callable(self.disturbance) or callable(self.load):
             for k in range(steps):
@@ -264,9 +266,9 @@ class Loop:
                     w[k] = _called("disturbance", self.disturbance, self.t[k], x[k], w[k].shape)
                 if callable(self.load) and extra is not None:
                     extra[k] = _called("load", self.load, self.t[k], x[k], (m,))
-                go(law._core, body, self.sensor, seed, steps, history, arrays, k, k + 1)
+                go(law.core, body, self.sensor, seed, steps, history, tables, k, k + 1)
         else:
-            go(law._core, body, self.sensor, seed, steps, history, arrays, 0, steps)
+            go(law.core, body, self.sensor, seed, steps, history, tables, 0, steps)
         estimates: tuple[Array | None, Array | None] = (None, None) if hat is None else (hat[:, :model], hat[:, model:])
         return Run(
             self.t, x, y, u[history:], self.wanted, w, cost, nodes, status, self.truth, self.safe, *estimates,
@@ -274,12 +276,12 @@ class Loop:
         )  # fmt: skip
 
 
-def checked_seed(seed: int | None) -> int:
+def checked_seed(seed: int | None, name: str = "seed") -> int:
     """A seed for the core; a new one each time for None."""
     if seed is None:
         return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**64:
-        raise ValueError(f"seed is {seed!r}; give a whole number from 0 to 2^64 - 1")
+        raise Mistake(name, seed, "give a whole number from 0 to 2^64 - 1")
     return int(seed)
 
 
@@ -288,7 +290,8 @@ def _called(
 ) -> Array:
     value = np.atleast_1d(np.asarray(signal(float(t), x.copy()), dtype=np.float64))
     if value.shape != shape or not np.isfinite(value).all():
-        raise ValueError(f"{name} returned {value.tolist()} at t = {t:g} s; give {shape[0]} finite value(s)")
+        problem = f"returned {shown(value)} at t = {t:g} s"
+        raise Mistake(name, value, f"give {shape[0]} finite value(s)", problem=problem)
     return value
 
 

@@ -8,11 +8,10 @@ import numpy as np
 
 from foreswitch._binding import CORES
 from foreswitch._helpers.check import Array
-from foreswitch.control.controller import Controller, Decision
+from foreswitch.control.controller import Controller
+from foreswitch.control.decision import Decision
 from foreswitch.control.objective import Endpoint
 from foreswitch.model import prediction
-from foreswitch.model.plant import Plant
-from foreswitch.simulation.bodies import core_plant
 from foreswitch.simulation.loop import Loop
 from foreswitch.simulation.run import Run
 
@@ -65,12 +64,12 @@ class Moment:
     def landing(self) -> Array | None:
         """Outputs predicted for then, a row per candidate, NaN where a dwell forbids it; None for a horizon.
 
-        The sum of docs/theory.md [4] for the output itself in place of the sliding variable.
+        The sum of docs/theory/theory.md [4] for the output itself in place of the sliding variable.
         """
         law = self.controller
         if not isinstance(law.objective, Endpoint) or not np.isfinite(self.x).all():
             return None
-        plant, actuator, q = law._with_loads(), law._actuator, law.plant.outputs
+        plant, actuator, q = law.predicted, law.actuator, law.plant.outputs
         output = prediction.sliding(plant, np.ones(q), [1] * q)
         longest = [max(row) for row in actuator.dwell]
         rows = prediction.endpoint_rows(plant, output, law.Ts, law.objective.Td, longest)
@@ -79,7 +78,7 @@ class Moment:
             rest = prediction.rest(plant)
             tail = rest.reference @ self.reference[0, :, 0] + rest.disturbance @ self.w + rest.offset
             tail = np.clip(tail, [v[0] for v in law.levels], [v[-1] for v in law.levels])
-        issued = law._history()  # oldest first
+        issued = law.issued  # oldest first
         y = rows.state @ self.x + rows.disturbance @ self.w + rows.offset + rows.total @ tail
         for j, effects in enumerate(rows.pending):
             y = y + sum((row * issued[-1 - i, j] for i, row in enumerate(effects)), np.zeros(q))
@@ -99,7 +98,7 @@ class Moment:
         u, left = np.vstack([self.loop.past, self.run.u[: self.k]]), []
         for j, values in enumerate(self.controller.levels):
             changes = np.flatnonzero(np.diff(u[:, j]))
-            dwell = self.controller._actuator.dwell[j][int(np.searchsorted(values, u[-1, j]))]
+            dwell = self.controller.actuator.dwell[j][int(np.searchsorted(values, u[-1, j]))]
             age = len(u) - 1 - changes[-1] if changes.size else dwell
             left.append(max(1, int(dwell - age)))
         return left
@@ -131,38 +130,18 @@ def _memory(loop: Loop, run: Run, seed: int, k: int) -> Controller:
     x, y = np.zeros((steps + 1, n)), np.zeros((steps + 1, q))
     x[0] = run.x[0]
     cost, nodes, status = np.zeros(steps), np.zeros(steps, dtype=np.uint32), np.zeros(steps, dtype=np.uint8)
-    arrays = (loop.told, run.w, loop.extra, x, y, u, cost, nodes, status, None)
-    CORES[law.real].run(law._core, loop.body(), loop.sensor, seed, steps, len(loop.past), arrays, 0, k)
+    tables = {"reference": loop.told, "w": run.w, "load": loop.extra, "x": x, "y": y, "u": u, "cost": cost,
+              "nodes": nodes, "status": status, "estimate": None}  # fmt: skip
+    CORES[law.real].run(law.core, loop.body(), loop.sensor, seed, steps, len(loop.past), tables, 0, k)
     return law
 
 
 def _heard(loop: Loop, run: Run, seed: int, k: int) -> Array:
-    """What the controller was given at step k.
-
-    The sensor's noise and losses come of the seed and the step alone. A law that estimates nothing, put behind the same
-    sensor for one step, leaves in its trace what it was given: NaN where the sample was lost.
-    """
+    """What the controller was given at step k, NaN where the sample was lost: the sensor's doing, seed and step alone."""
     law: Any = loop.controller
     seen = run.x if law.estimator is None else run.y
     if loop.sensor is None:
         return np.array(seen[k])
-    real, count = law.real, law._measured[0]
-    listener = Controller(_chain(count), [0, 1], run.Ts, Endpoint(run.Ts, 1.0), real=real)
-    body, history = core_plant(_chain(seen.shape[1]), run.Ts, real)
-    steps, history = k + 1, history + 1
-    x = np.zeros((steps + 1, seen.shape[1]))
-    x[: k + 1] = seen[: k + 1]
-    trace = np.empty((steps, count))
-    arrays = (
-        np.zeros((steps, listener.order)), np.zeros((steps, 0)), None, x, np.zeros((steps + 1, 1)),
-        np.zeros((history + steps, 1)), np.zeros(steps), np.zeros(steps, dtype=np.uint32),
-        np.zeros(steps, dtype=np.uint8), trace,
-    )  # fmt: skip
-    CORES[real].run(listener._core, body, loop.sensor, seed, steps, history, arrays, k, k + 1)
-    heard: Array = trace[k]
+    heard = np.empty(law.measured[0])
+    loop.sensor.read(seed, k, np.ascontiguousarray(seen[: k + 1]), heard)
     return heard
-
-
-def _chain(states: int) -> Plant:
-    """Any plant of so many states."""
-    return Plant(np.zeros((states, states)), np.eye(states, 1), np.eye(1, states))

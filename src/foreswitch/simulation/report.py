@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from foreswitch.control.controller import Controller, Status
+from foreswitch.control.controller import Controller
+from foreswitch.control.decision import Status
 from foreswitch.control.objective import Endpoint, Horizon
 from foreswitch.presentation import plots
 from foreswitch.presentation.report import Picture, Report, Section, Table, number
@@ -97,7 +98,7 @@ def search_table(runs: dict[str, Run]) -> Table:
     for name, run in runs.items():
         found, objective, law = search_figures(run), _objective(run), run.controller
         moves = (objective.moves or objective.steps) if isinstance(objective, Horizon) else 1
-        candidates = len(law._actuator.candidates) if isinstance(law, Controller) else 0
+        candidates = len(law.actuator.candidates) if isinstance(law, Controller) else 0
         rows.append([
             name, f"{candidates}^{moves}" if moves > 1 else str(candidates),
             f"{found['nodes_median']:.0f}", f"{found['nodes_max']:.0f}", f"{found['optimal_percent']:.4g}",

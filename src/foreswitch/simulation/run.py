@@ -261,10 +261,11 @@ def plain(values: ArrayLike) -> Any:
 def figures(y: Array, r: Array, u: Array, safe: Array) -> tuple[Array, Array, Array, Array]:
     """rms and largest error per output, switches and periods away from the safe level per input."""
     q, m = y.shape[1], u.shape[1]
-    out = (np.empty(q), np.empty(q), np.empty(m), np.empty(m))
-    arrays = tuple(np.ascontiguousarray(a, dtype=np.float64) for a in (y, r, u, safe))
-    CORES["float64"].metrics(len(y), q, m, (*arrays, *out))
-    return out
+    out = {"rms": np.empty(q), "largest": np.empty(q), "switches": np.empty(m), "on": np.empty(m)}
+    given = {"y": y, "r": r, "u": u, "safe": safe}
+    tables = {name: np.ascontiguousarray(values, dtype=np.float64) for name, values in given.items()}
+    CORES["float64"].metrics(len(y), q, m, tables | out)
+    return out["rms"], out["largest"], out["switches"], out["on"]
 
 
 def _lag(t: Array, y: Array, r: Array) -> tuple[float, float]:

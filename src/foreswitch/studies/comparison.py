@@ -286,7 +286,7 @@ def price_curve(project: Project, law: Controller, costs: Sequence[float] | None
     """Runs of a law as it is, then with rising costs of a switch, in units of what one pulse changes in its cost."""
     scale = _worth(law)
     own = HORIZON_COSTS if isinstance(law.objective, Horizon) else SWITCH_COSTS
-    runs = [(float(np.mean(law._actuator.switch_cost)), project.simulate(law))]
+    runs = [(float(np.mean(law.actuator.switch_cost)), project.simulate(law))]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a dwell beyond the horizon: one step is meant to be that short
         for cost in own if costs is None else costs:

@@ -14,6 +14,7 @@ from scipy.special import ndtr, ndtri
 
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake, inside, shown
 from foreswitch._helpers.text import nearest
 
 __all__ = ["Distribution", "LogUniform", "Normal", "OneOf", "Uniform", "parsed"]
@@ -56,7 +57,7 @@ class Distribution:
 
     def _check_per(self) -> None:
         if self.per not in ("run", "point"):
-            raise ValueError(f"per is {self.per!r}; give 'run' or 'point'")
+            raise Mistake("per", self.per, "give 'run' or 'point'")
 
     def _at(self, share: Array) -> Any:
         """Values below which these shares of all draws lie."""
@@ -92,7 +93,8 @@ class Uniform(Distribution):
     def __post_init__(self) -> None:
         self._check_per()
         if check.number("high", self.high) <= check.number("low", self.low):
-            raise ValueError(f"low is {self.low:g} and high {self.high:g}; high must be greater")
+            problem = f"is {self.low:g} and high {self.high:g}"
+            raise Mistake("high", self.high, "high must be greater", problem=problem, subject="low")
 
     def _at(self, share: Array) -> Array:
         return self.low + (self.high - self.low) * share
@@ -116,7 +118,8 @@ class LogUniform(Distribution):
     def __post_init__(self) -> None:
         self._check_per()
         if check.number("high", self.high) <= check.number("low", self.low, above=0.0):
-            raise ValueError(f"low is {self.low:g} and high {self.high:g}; high must be greater")
+            problem = f"is {self.low:g} and high {self.high:g}"
+            raise Mistake("high", self.high, "high must be greater", problem=problem, subject="low")
 
     def _at(self, share: Array) -> Array:
         return np.asarray(self.low * (self.high / self.low) ** share)
@@ -145,7 +148,8 @@ class Normal(Distribution):
         check.number("mean", self.mean)
         check.number("deviation", self.deviation, above=0.0)
         if not self.low < self.high:
-            raise ValueError(f"low is {self.low:g} and high {self.high:g}; high must be greater")
+            problem = f"is {self.low:g} and high {self.high:g}"
+            raise Mistake("high", self.high, "high must be greater", problem=problem, subject="low")
 
     def _at(self, share: Array) -> Array:
         first, last = (ndtr((end - self.mean) / self.deviation) for end in (self.low, self.high))
@@ -169,7 +173,7 @@ class OneOf(Distribution):
     def __post_init__(self) -> None:
         self._check_per()
         if isinstance(self.values, str) or len(self.values) == 0:
-            raise ValueError(f"values is {self.values!r}; give a list of at least one")
+            raise Mistake("values", self.values, "give a list of at least one")
         object.__setattr__(self, "values", tuple(self.values))
 
     def _index(self, share: Array) -> np.ndarray[Any, np.dtype[np.intp]]:
@@ -216,16 +220,17 @@ def parsed(text: str) -> Distribution | list[Any]:
         return [_value(part) for part in _parts(text)]
     name = head.strip().lower()
     if name not in CALLS:
-        raise ValueError(f"{text!r} calls {name!r}; {nearest(name, CALLS)}")
+        raise Mistake("over", text, nearest(name, CALLS), problem=f"calls {name!r}", subject=shown(text))
     parts = _parts(rest[:-1])
     named = dict(part.split("=", 1) for part in parts if part.replace(" ", "").startswith("per="))
     plain = [_value(part) for part in parts if "=" not in part]
+    options = {key.strip(): _value(each) for key, each in named.items()}
     try:
-        made: Distribution | list[Any] = CALLS[name](*plain, **{key.strip(): _value(v) for key, v in named.items()})
+        with inside(shown(text)):
+            made: Distribution | list[Any] = CALLS[name](*plain, **options)
     except TypeError:
-        raise ValueError(f"{text!r} has arguments that {name} does not take; give {USAGE[name]}") from None
-    except ValueError as error:
-        raise ValueError(f"{text!r}: {error}") from None
+        problem = f"has arguments that {name} does not take"
+        raise Mistake("over", text, f"give {USAGE[name]}", problem=problem, subject=shown(text)) from None
     return made
 
 
@@ -256,7 +261,8 @@ def _parts(text: str) -> list[str]:
         else:
             parts[-1] += c
     if not all(part.strip() for part in parts):
-        raise ValueError(f"{text!r} has an empty entry; give values with commas between them")
+        remedy = "give values with commas between them"
+        raise Mistake("over", text, remedy, problem="has an empty entry", subject=shown(text))
     return [part.strip() for part in parts]
 
 
@@ -265,7 +271,8 @@ def _value(text: str) -> Any:
         return tomllib.loads(f"x = {text}")["x"]
     except tomllib.TOMLDecodeError:
         if set(text) & set("[]{}\"'=#"):
-            raise ValueError(f"{text!r} is no value; give a number, a list in brackets or a word") from None
+            remedy = "give a number, a list in brackets or a word"
+            raise Mistake("over", text, remedy, problem="is not a value", subject=shown(text)) from None
     try:
         return float(text)  # .5 and 1. are numbers to most people, if not to TOML
     except ValueError:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake
 from foreswitch._helpers.text import nearest
 from foreswitch._helpers.units import described
 from foreswitch.studies import plots
@@ -49,7 +50,8 @@ def study_figure(
     free, (central, low, high) = _held(study, at, study.quantile(metric, (0.5, *quantiles)))
     name = metric_label(study, metric)
     if len(free) > 3:
-        raise ValueError(f"{len(free)} axes are free ({', '.join(free)}); hold all but three of them with at")
+        subject, problem = f"{len(free)} axes", f"are free ({', '.join(free)})"
+        raise Mistake("at", at, "hold all but three of them with at", problem=problem, subject=subject)
     if not free:
         return _spread(study, metric, at)
     if len(free) == 1:
@@ -70,10 +72,12 @@ def _held(study: Study, at: Mapping[str, Any], fields: Array) -> tuple[Axes, Arr
         elif held in values:
             fields = np.take(fields, values.index(held), axis=i + 1)
         else:
-            raise ValueError(f"at has {key} = {label(held)}; its values are {', '.join(map(label, values))}")
+            remedy = f"its values are {', '.join(map(label, values))}"
+            raise Mistake("at", held, remedy, problem=f"has {key} = {label(held)}", key=key)
     unknown = sorted(set(at) - set(axes))
     if unknown:
-        raise ValueError(f"at has {unknown[0]!r}, which is no axis; {nearest(unknown[0], axes)}")
+        problem = f"has {unknown[0]!r}, which is not an axis"
+        raise Mistake("at", unknown[0], nearest(unknown[0], axes), problem=problem)
     return dict(reversed(free.items())), fields
 
 

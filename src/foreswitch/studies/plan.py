@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from foreswitch._helpers import check
+from foreswitch._helpers.mistake import Mistake, inside, shown
 from foreswitch._helpers.units import INDEPENDENT, described
 from foreswitch.project.project import Project
 from foreswitch.project.tables import File, Table, unit_of
@@ -113,8 +114,11 @@ def changed(content: Values, changes: Mapping[str, Any]) -> Values:
         elif isinstance(node, dict) and not last.isdigit():
             node[last] = changes[key]
         else:
-            raise ValueError(_no_entry(key))
+            raise Mistake("over", changes[key], REMEDY, problem=NOWHERE, subject=repr(key), key=key)
     return result
+
+
+NOWHERE, REMEDY = "leads nowhere in this project: entries of lists go by their number from 0", "correct the key"
 
 
 def _entry(key: str, node: Any, part: str, make: bool = False) -> Any:
@@ -122,11 +126,7 @@ def _entry(key: str, node: Any, part: str, make: bool = False) -> Any:
         return node.setdefault(part, {})
     if isinstance(node, list) and part.isdigit() and int(part) < len(node):
         return node[int(part)]
-    raise ValueError(_no_entry(key))
-
-
-def _no_entry(key: str) -> str:
-    return f"{key!r} leads nowhere in this project: entries of lists go by their number from 0; correct the key"
+    raise Mistake("over", key, REMEDY, problem=NOWHERE, subject=repr(key), key=key)
 
 
 def _files(content: Any) -> Iterator[Values]:
@@ -252,14 +252,12 @@ class Plan:
         ValueError
             If they do not fit, naming the run.
         """
-        try:
+        with inside(self.named(point, repeat if self.varying() else None)):
             values = self.values(point, repeat)
             content = changed(self.content, values)
             project = like.with_simulation(content["simulation"]) if like else Project(content, folder)
-            settings = project._settings(project.reference, project.controller.Ts, _truth(project, values))
+            settings = project.simulation_settings(**_truth(project, values))
             return Setup(project, {name: value for name, value in settings.items() if name != "seed"})
-        except ValueError as error:
-            raise ValueError(f"{self.named(point, repeat if self.varying() else None)}: {error}") from None
 
     def check(self, folder: Path, progress: Callable[[int], None] = lambda _: None) -> Project:
         """Build the loop of every point, of all its draws those with a smallest or largest value; the first project."""
@@ -269,11 +267,9 @@ class Plan:
             for repeat in self._extremes(point):
                 setup = self.setup(point, repeat, folder, like)
                 like = setup.project if self.varying() and all(map(simulated, self.varying())) else None
-                try:
+                with inside(self.named(point, repeat if self.varying() else None)):
                     loop = setup.loop
                     loop.start(setup.settings.get("x0"))
-                except ValueError as error:
-                    raise ValueError(f"{self.named(point, repeat if self.varying() else None)}: {error}") from None
                 first = first or setup
             progress(point + 1)
         assert first is not None
@@ -349,12 +345,15 @@ def _truth(project: Project, values: Values) -> Values:
         return {}
     if project.file.simulation.plant is not None:
         key = next(key for key in ERRORS if key in values)
-        raise ValueError(
-            f"{key} is the truth's from the model, but [simulation.plant] gives a truth of its own; remove one of them"
-        )
+        problem = "is the truth's from the model, but [simulation.plant] gives a truth of its own"
+        raise Mistake(key, values[key], "remove one of them", problem=problem)
     m = project.plant.inputs
     gain, delay = (check.per(key, values.get(key, 0.0), m, "input") for key in ("gain_error", "delay_error"))
-    return {"plant": project.plant.with_errors(delay, gain)}
+    try:
+        return {"plant": project.plant.with_errors(delay, gain)}
+    except Mistake as mistake:
+        mistake.argument = mistake.subject = "delay_error"
+        raise
 
 
 # From what is asked ---------------------------------------------------------------------------------------------------
@@ -371,28 +370,28 @@ def planned(project: Project, over: Mapping[str, Any], repeats: int, seed: int) 
     axes: dict[str, tuple[Any, ...]] = {}
     draws: dict[str, Distribution] = {}
     if isinstance(repeats, bool) or not isinstance(repeats, (int, np.integer)) or repeats < 1:
-        raise ValueError(f"repeats is {repeats!r}; give a whole number of at least 1")
+        raise Mistake("repeats", repeats, "give a whole number of at least 1")
     if seed is None:
-        raise ValueError("seed is None; give a whole number, the same for the same study")
+        raise Mistake("seed", seed, "give a whole number, the same for the same study")
     if not isinstance(over, Mapping):
-        raise ValueError(f"over is {over!r}; give a dict from keys to lists or distributions")
+        raise Mistake("over", over, "give a dict from keys to lists or distributions")
     for key, given in over.items():
         _known(key, over)
-        try:
+        with inside(key):
             meant = parsed(given) if isinstance(given, str) else given
-        except ValueError as error:
-            raise ValueError(f"{key}: {error}") from None
         if isinstance(meant, Distribution):
             draws[key] = meant
         elif np.iterable(meant) and not isinstance(meant, (str, bytes, Mapping)):
             values = tuple(_bare(each) for each in meant)
             if not values:
-                raise ValueError(f"{key} has no values; give at least one")
+                raise Mistake("over", given, "give at least one", problem="has no values", subject=key, key=key)
             if len(_distinct(values)) < len(values):
-                raise ValueError(f"{key} lists {label(_twice(values))} twice; give each value once")
+                problem = f"lists {label(_twice(values))} twice"
+                raise Mistake("over", given, "give each value once", problem=problem, subject=key, key=key)
             axes[key] = values
         else:
-            raise ValueError(f"{key} is {given!r}; give a list of values, or a distribution such as Uniform(0, 1)")
+            remedy = "give a list of values, or a distribution such as Uniform(0, 1)"
+            raise Mistake("over", given, remedy, subject=key, key=key)
     content = project.file.model_dump(exclude_unset=True)
     return Plan(content, axes, draws, int(repeats), checked_seed(seed), {})
 
@@ -400,11 +399,14 @@ def planned(project: Project, over: Mapping[str, Any], repeats: int, seed: int) 
 def _known(key: str, over: Mapping[str, Any]) -> None:
     if not isinstance(key, str) or plain_key(full(key)) not in KEYS:
         if plain_key(full(str(key))) == "simulation.seed":
-            raise ValueError("simulation.seed cannot be varied, every run has a seed of its own; give seed and repeats")
-        raise ValueError(f"over has the unknown key {key!r}; did you mean {_closest(str(key))!r}?")
+            problem = "cannot be varied, every run has a seed of its own"
+            raise Mistake("over", key, "give seed and repeats", problem=problem, subject="simulation.seed")
+        problem = f"has the unknown key {shown(key)}"
+        raise Mistake("over", key, f"did you mean {_closest(str(key))!r}?", problem=problem)
     for other in over:
         if other != key and f"{full(key)}.".startswith(f"{full(str(other))}."):
-            raise ValueError(f"over has both {other!r} and {key!r}, which set the same value; remove one")
+            problem = f"has both {other!r} and {key!r}, which set the same value"
+            raise Mistake("over", key, "remove one", problem=problem)
 
 
 def _closest(key: str) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.files import whole_file
 from foreswitch._helpers.json import plain_data
+from foreswitch._helpers.mistake import Mistake
 from foreswitch._helpers.text import nearest, tree
 from foreswitch._helpers.units import described, name_and_unit
 from foreswitch.project.project import Project
@@ -137,7 +138,7 @@ class Study:
         """
         given = np.asarray(quantiles, dtype=np.float64)
         if given.ndim != 1 or not given.size or not ((given >= 0.0) & (given <= 1.0)).all():
-            raise ValueError(f"quantiles is {quantiles!r}; give shares between 0 and 1")
+            raise Mistake("quantiles", quantiles, "give shares between 0 and 1")
         values = self.values(metric).reshape(self.plan.points, self.plan.repeats)
         with np.errstate(invalid="ignore"):  # a loop that runs away has no figures
             return np.asarray(np.quantile(values, given, axis=1))
@@ -155,7 +156,7 @@ class Study:
         ndarray, shape (P R,)
         """
         if metric not in self.metrics:
-            raise ValueError(f"metric is {metric!r}; {nearest(metric, self.metrics)}")
+            raise Mistake("metric", metric, nearest(metric, self.metrics))
         return np.asarray(self.figures[:, self.metrics.index(metric)])
 
     def to_frame(self) -> pd.DataFrame:
@@ -209,7 +210,7 @@ class Study:
         Run
         """
         if not 0 <= row < self.plan.rows:
-            raise ValueError(f"row is {row}; give one from 0 to {self.plan.rows - 1}")
+            raise Mistake("row", row, f"give one from 0 to {self.plan.rows - 1}")
         point, repeat = divmod(int(row), self.plan.repeats)
         setup = self.plan.setup(point, repeat, self.project.folder)
         seed = int(self.plan.seeds(point, repeat)[0])

@@ -15,6 +15,7 @@ import numpy as np
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.files import write_whole
 from foreswitch._helpers.json import json_text, plain_data
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.studies.plan import Plan
 from foreswitch.studies.workers import Piece
 
@@ -57,17 +58,18 @@ class Store:
             theirs, self.rows = found["study"], int(found["rows_per_chunk"])
         except (FileNotFoundError, NotADirectoryError):
             if folder.exists() and not folder.is_dir():
-                raise ValueError(f"out is {folder}, a file; give a folder") from None
+                raise Mistake("out", folder, "give a folder", problem=f"is {folder}, a file") from None
             return
         except (KeyError, TypeError, ValueError):
-            raise ValueError(f"{folder / MANIFEST} is no manifest of a study; give another folder") from None
+            problem = "is not the manifest of a study"
+            subject = str(folder / MANIFEST)
+            raise Mistake("out", folder, "give another folder", problem=problem, subject=subject) from None
         for key, words in WORDS.items():
             if theirs.get(key) != self.identity[key]:
                 detail = f": {theirs.get(key)}, not {self.identity[key]}" if words in ("repeats", "seed") else ""
-                raise ValueError(
-                    f"{folder} holds another study (its {words} differ{'' if words[-1] == 's' else 's'}{detail}); give "
-                    "another folder, or remove this one"
-                )
+                problem = f"holds another study (its {words} differ{'' if words[-1] == 's' else 's'}{detail})"
+                remedy = "give another folder, or remove this one"
+                raise Mistake("out", folder, remedy, problem=problem, subject=str(folder))
 
     def begin(self, rows: int) -> None:
         """Write the manifest, with the rows per chunk."""
@@ -76,7 +78,8 @@ class Store:
         try:
             self.chunks.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise ValueError(f"{self.folder} cannot be written ({error.strerror}); give another folder") from None
+            problem, subject = f"cannot be written ({error.strerror})", str(self.folder)
+            raise Mistake("out", self.folder, "give another folder", problem=problem, subject=subject) from None
         content: dict[str, Any] = {"hash": digest, "rows_per_chunk": rows, "study": self.identity}
         write_whole(self.folder / MANIFEST, json_text(content, indent=2))
 

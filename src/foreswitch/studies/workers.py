@@ -23,6 +23,7 @@ from uuid import uuid4
 import numpy as np
 
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.simulation.batch import simulate_batch
 from foreswitch.simulation.run import figures
 from foreswitch.studies.plan import ERRORS, Plan, full, simulated
@@ -148,10 +149,8 @@ def checked_scheduler(scheduler: str | None) -> str | None:
     """None, ``processes`` or an address."""
     if scheduler in (None, "processes") or (isinstance(scheduler, str) and "://" in scheduler):
         return scheduler
-    raise ValueError(
-        f"scheduler is {scheduler!r}; give None for this process, 'processes', or the address of a Dask scheduler such as "
-        "'tcp://127.0.0.1:8786'"
-    )
+    address = "the address of a Dask scheduler such as 'tcp://127.0.0.1:8786'"
+    raise Mistake("scheduler", scheduler, f"give None for this process, 'processes', or {address}")
 
 
 def run_pieces(
@@ -262,7 +261,8 @@ def _in_processes(plan: Plan, pieces: Sequence[Piece], count: int) -> Iterator[t
 def _hold(blob: bytes, wanted: str) -> Plan:
     """The plan on a worker."""
     if version("foreswitch") != wanted:
-        raise ValueError(f"a worker has foreswitch {version('foreswitch')}, this process {wanted}; install the same")
+        problem = f"has foreswitch {version('foreswitch')}, this process {wanted}"
+        raise Mistake("scheduler", version("foreswitch"), "install the same", problem=problem, subject="a worker")
     plan: Plan = pickle.loads(blob)
     return plan
 
@@ -278,19 +278,20 @@ def _on_cluster(plan: Plan, split: Callable[[int], Sequence[Piece]], address: st
         from distributed.comm import CommClosedError
         from distributed.scheduler import KilledWorker
     except ImportError:
-        raise ValueError(f"scheduler is {address!r}, which needs dask.distributed; install foreswitch[dask]") from None
+        problem = f"is {address!r}, which needs dask.distributed"
+        raise Mistake("scheduler", address, "install foreswitch[dask]", problem=problem) from None
     try:
         client = Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise ValueError(
-            f"scheduler {address!r} does not answer ({_first_line(error)}); start one with 'dask scheduler', or give "
-            "another address"
-        ) from None
+        problem = f"{address!r} does not answer ({_first_line(error)})"
+        remedy = "start one with 'dask scheduler', or give another address"
+        raise Mistake("scheduler", address, remedy, problem=problem) from None
     with _quiet("distributed.client"), client:  # it logs tracebacks of what becomes one sentence here
         try:
             client.wait_for_workers(1, timeout=PATIENCE)
         except TimeoutError:
-            raise ValueError(f"scheduler {address!r} has no workers; start some with 'dask worker {address}'") from None
+            remedy = f"start some with 'dask worker {address}'"
+            raise Mistake("scheduler", address, remedy, problem=f"{address!r} has no workers") from None
         threads = sum(client.nthreads().values())
         waiting = deque(split(threads))
         name = f"foreswitch-{uuid4().hex}"

@@ -1,3 +1,4 @@
+/* foreswitch @version@, SPDX-License-Identifier: BSD-3-Clause */
 /* fsw_step on recorded measurements, a few hundred times: a main for whoever counts instructions, cycles or bytes, on any
  * target. In firmware, the row comes from a sensor and the reference, and u goes to the actuators. */
 #ifndef ARDUINO /* which compiles every file of a library; its own example is in examples/ */

@@ -1,3 +1,4 @@
+/* foreswitch @version@, SPDX-License-Identifier: BSD-3-Clause */
 /* Replays the recorded steps and prints "N passed, M failed"; returns 0 if none failed. `make selftest` runs it here; on a
  * target, link it in place of your main and give it a putchar. Commands, statuses and the bits of costs and state must be
  * those that were simulated: compile the core with -ffp-contract=off where a processor can fuse a product and a sum. */

@@ -31,10 +31,10 @@ export function address(arrived, told) {
     const text = location.hash.slice(1);
     written = text;
     if (!text) return undefined;
-    return decode(text).catch(() => null);
+    return await decode(text).catch(() => null);
   }
 
-  window.addEventListener("popstate", async () => {
+  addEventListener("popstate", async () => {
     waiting = null;
     last = { what: "", at: -Infinity };
     const state = await read();

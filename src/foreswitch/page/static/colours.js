@@ -1,6 +1,20 @@
 // Colours of lines and the font of axes, as the style sheet has them for light, dark and print.
 
-const NAMES = ["ink", "soft", "grid", "paper", "output", "reference", "band", "command", "landing", "other-1", "other-2", "other-3", "other-4"];
+const NAMES = [
+  "ink",
+  "soft",
+  "grid",
+  "paper",
+  "output",
+  "reference",
+  "band",
+  "command",
+  "landing",
+  "other-1",
+  "other-2",
+  "other-3",
+  "other-4",
+];
 /** Beside its colour, each overlay has its own dashes, for readers who see no colours [px]. */
 export const DASHES = [[8, 3], [2, 3], [10, 3, 2, 3], [5, 5]];
 

@@ -5,13 +5,26 @@ import { DASHES, otherColour } from "./colours.js";
 import { show } from "./scale.js";
 import { unitOf } from "./sizes.js";
 
-export const BASELINES = [["relay", "relay with hysteresis"], ["pi_pwm", "PI with pulse width modulation"], ["smith_pwm", "Smith predictor with pulse width modulation"]];
+export const BASELINES = [["relay", "relay with hysteresis"], ["pi_pwm", "PI with pulse width modulation"], [
+  "smith_pwm",
+  "Smith predictor with pulse width modulation",
+]];
 
 /** Unit of a simple law's parameter, where the output has unit y. */
 function measure(key, y) {
   const one = { lead: "s", carrier: "s", preview: "s", hysteresis: y, deadband: y };
   const gain = { kp: "1/", ki: "1/s/", kd: "s/", kf: "s/" }[key];
   return one[key] ?? (gain && y ? gain + y : "");
+}
+
+/** What is told of a simple law: its parameters, once they are there. */
+function tuned(found) {
+  if (found?.error) return found.error.message;
+  if (!found?.parameters) return "being tuned …";
+  const unit = unitOf(found.outputs?.[0]);
+  return Object.entries(found.parameters)
+    .map(([key, value]) => `${key} ${show(value)} ${measure(key, unit)}`.trim())
+    .join(", ");
 }
 
 /**
@@ -21,16 +34,24 @@ function measure(key, y) {
  * @returns {Element}
  */
 export function swatch(colour, dash = []) {
-  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
-  for (const [name, value] of Object.entries({ viewBox: "0 0 28 8", "aria-hidden": "true", class: "swatch" })) svg.setAttribute(name, value);
-  const line = document.createElementNS("http://www.w3.org/2000/svg", "path");
-  for (const [name, value] of Object.entries({ d: "M0 4h28", class: `line-${colour}`, "stroke-dasharray": dash.join(" ") })) line.setAttribute(name, value);
-  svg.append(line);
+  const drawn = (tag, attributes) => {
+    const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
+    for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+    return element;
+  };
+  const svg = drawn("svg", { viewBox: "0 0 28 8", "aria-hidden": "true", class: "swatch" });
+  svg.append(drawn("path", { d: "M0 4h28", class: `line-${colour}`, "stroke-dasharray": dash.join(" ") }));
   return svg;
 }
 
 /**
- * @param {{pin: (name: string) => void, unpin: (i: number) => void, use: (i: number) => void, toggle: (which: string, on: boolean) => void}} acts
+ * @typedef {object} Acts
+ * @property {(name: string) => void} pin
+ * @property {(i: number) => void} unpin
+ * @property {(i: number) => void} use
+ * @property {(which: string, on: boolean) => void} toggle
+ *
+ * @param {Acts} acts
  * @returns {{show: (view: object, baselines: Record<string, object>) => void}}
  */
 export function comparePanel(acts) {
@@ -42,7 +63,11 @@ export function comparePanel(acts) {
   });
   const boxes = new Map();
   for (const [which, words] of BASELINES) {
-    const box = make("input", { type: "checkbox", id: `baseline-${which}`, "aria-describedby": `baseline-${which}-about` });
+    const box = make("input", {
+      type: "checkbox",
+      id: `baseline-${which}`,
+      "aria-describedby": `baseline-${which}-about`,
+    });
     const about = make("p", { className: "about", id: `baseline-${which}-about` });
     box.addEventListener("change", () => acts.toggle(which, box.checked));
     byId("baselines").append(make("label", { className: "tick", for: box.id }, box, ` ${words}`), about);
@@ -55,7 +80,7 @@ export function comparePanel(acts) {
       const now = JSON.stringify(view.pins.map((pin) => pin.name));
       if (now !== listed) {
         listed = now;
-        const buttons = () => [...byId("pins").querySelectorAll("button")];
+        const buttons = () => Array.from(byId("pins").querySelectorAll("button"));
         const at = buttons().indexOf(document.activeElement);
         byId("pins").replaceChildren(...view.pins.map((pin, i) => {
           const use = make("button", { type: "button", "aria-label": `Set everything as in ${pin.name}` }, "Use");
@@ -71,8 +96,7 @@ export function comparePanel(acts) {
         box.checked = on;
         const found = baselines[which];
         about.classList.toggle("complaint", Boolean(on && found?.error));
-        about.textContent = !on ? "" : found?.error ? found.error.message
-          : found?.parameters ? Object.entries(found.parameters).map(([key, value]) => `${key} ${show(value)} ${measure(key, unitOf(found.outputs?.[0]))}`.trim()).join(", ") : "being tuned …";
+        about.textContent = on ? tuned(found) : "";
       }
     },
   };

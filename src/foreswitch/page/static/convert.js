@@ -2,7 +2,12 @@
 
 const PLANT_ALWAYS = ["input_delay", "u_offset", "y_offset", "input_names", "output_names"];
 
-const pick = (table, keys) => Object.fromEntries(keys.filter((key) => table[key] !== undefined).map((key) => [key, table[key]]));
+/** What a simulation says of the old states. */
+const OF_STATES = ["x0", "noise", "disturbance", "plant"];
+
+const omit = (table, keys) => Object.fromEntries(Object.entries(table).filter(([key]) => !keys.includes(key)));
+const pick = (table, keys) =>
+  Object.fromEntries(keys.filter((key) => table[key] !== undefined).map((key) => [key, table[key]]));
 
 /** Numerator and denominator, or undefined where the form has several inputs or outputs. */
 function transfer(plant) {
@@ -15,8 +20,10 @@ function transfer(plant) {
 function stateSpace({ num, den }) {
   const [lead, ...rest] = den;
   const n = rest.length;
-  const A = Array.from({ length: n }, (_, i) => Array.from({ length: n }, (_, j) =>
-    (i === n - 1 ? -rest[n - 1 - j] / lead + 0 : Number(j === i + 1))));
+  const A = Array.from(
+    { length: n },
+    (_, i) => Array.from({ length: n }, (_, j) => (i === n - 1 ? -rest[n - 1 - j] / lead + 0 : Number(j === i + 1))),
+  );
   const B = Array.from({ length: n }, (_, i) => [i === n - 1 ? num.at(-1) / lead : 0]);
   return { A, B };
 }
@@ -31,7 +38,8 @@ export function convertPlant(project, model) {
   const { plant } = project;
   const tf = transfer(plant);
   const duration = project.simulation?.duration ?? 1;
-  const rise = tf ? tf.num.at(-1) / tf.den[0] : 1; // the slope of a first-order plant, the curvature of a second-order one
+  // the slope of a first-order plant, the curvature of a second-order one
+  const rise = tf ? tf.num.at(-1) / tf.den[0] : 1;
   const slope = plant.k ?? (plant.T ? plant.K / plant.T : rise);
   const own = {
     integrator_lag: { k: slope, c: plant.c ?? duration / 100 },
@@ -40,7 +48,7 @@ export function convertPlant(project, model) {
     state_space: stateSpace(tf ?? { num: [1], den: [1, 0] }),
   }[model];
   const several = (plant.B?.[0]?.length ?? 1) > 1 || (plant.C?.length ?? 1) > 1;
-  const { x0, noise, disturbance, plant: truth, ...simulation } = project.simulation ?? {}; // they go with the old states
+  const simulation = omit(project.simulation ?? {}, OF_STATES);
   const changed = { ...project, plant: { model, ...own, ...(several ? {} : pick(plant, PLANT_ALWAYS)) }, simulation };
   if (!several) return changed;
   const { levels, Ts } = project.actuator;
@@ -51,7 +59,7 @@ export function convertPlant(project, model) {
 /**
  * A project with the other objective.
  * @param {object} project
- * @param {"endpoint"|"horizon"} objective
+ * @param {string} objective "endpoint" or "horizon"
  * @returns {object}
  */
 export function convertObjective(project, objective) {
@@ -75,7 +83,8 @@ export function convertObjective(project, objective) {
 export function convertReference(table, kind) {
   const times = table.times ?? [];
   const length = table.duration ?? (times.at(-1) || (table.frequency ? 1 / table.frequency : 1));
-  const top = table.height ?? (table.amplitude && 2 * table.amplitude) ?? table.value ?? (table.slope && table.slope * length) ?? Math.max(1e-9, ...(table.values ?? [1]));
+  const top = table.height ?? (table.amplitude && 2 * table.amplitude) ?? table.value ??
+    (table.slope && table.slope * length) ?? Math.max(1e-9, ...(table.values ?? [1]));
   const offset = pick(table, ["offset"]);
   const start = pick(table, ["start"]);
   return {

@@ -2,9 +2,9 @@
 
 /**
  * @param {string} tag
- * @param {Record<string, any>} [properties] attributes where the name has a dash or is "for", "role" or "list"; else properties
+ * @param {Record<string, any>} [properties] attributes where the name has a dash or is "for", "role" or "scope"
  * @param {...(Node|string)} children
- * @returns {HTMLElement}
+ * @returns {any} the element; which kind, the tag says
  */
 export function make(tag, properties = {}, ...children) {
   const element = document.createElement(tag);
@@ -16,7 +16,7 @@ export function make(tag, properties = {}, ...children) {
   return element;
 }
 
-/** @type {(id: string) => HTMLElement} */
+/** @type {(id: string) => any} */
 export const byId = (id) => document.getElementById(id);
 
 /**
@@ -27,8 +27,13 @@ export const byId = (id) => document.getElementById(id);
  * @returns {Node[]} what goes into a table element
  */
 export function tableParts(heads, rows, caption) {
-  const head = make("thead", {}, make("tr", {}, ...heads.map((each) => (each ? make("th", { scope: "col" }, each) : make("td")))));
-  const body = make("tbody", {}, ...rows.map(([name, ...cells]) =>
-    make("tr", {}, make("th", { scope: "row" }, name), ...cells.map((each) => make("td", {}, each)))));
-  return [make("caption", {}, caption), head, body];
+  const head = heads.map((each) => (each ? make("th", { scope: "col" }, each) : make("td")));
+  const body = rows.map(([name, ...cells]) =>
+    make("tr", {}, make("th", { scope: "row" }, name), ...cells.map((each) => make("td", {}, each)))
+  );
+  return [
+    make("caption", {}, caption),
+    make("thead", {}, make("tr", {}, ...head)),
+    make("tbody", {}, ...body),
+  ];
 }

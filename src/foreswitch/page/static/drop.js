@@ -16,7 +16,10 @@ export function dropped(acts) {
         const reply = await request("/project", { toml: await project.text(), files: Object.fromEntries(texts) });
         acts.project((await reply.json()).project);
       } else if (files.length === 1) acts.record(files[0]);
-      else if (files.length) throw new Error(`${files.length} files without a project among them; drop a project.toml with the files it names, or one record`);
+      else if (files.length) {
+        const remedy = "drop a project.toml with the files it names, or one record";
+        throw new Error(`${files.length} files without a project among them; ${remedy}`);
+      }
     } catch (error) {
       acts.complain(error);
     }

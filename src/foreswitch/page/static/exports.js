@@ -30,7 +30,11 @@ export function exportsPanel(current, speak) {
   byId("export").replaceChildren(
     make("p", {}, "Files of the settings as they are now."),
     ...FILES.map(([name, title, about]) => {
-      const complaint = make("p", { className: "complaint", id: `export-${name.split(".")[0]}-complaint`, hidden: true });
+      const complaint = make("p", {
+        className: "complaint",
+        id: `export-${name.split(".")[0]}-complaint`,
+        hidden: true,
+      });
       const button = make("button", { type: "button", "aria-describedby": complaint.id }, `Save ${name}`);
       button.addEventListener("click", async () => {
         if (button.getAttribute("aria-disabled")) return; // not "disabled", which would take the focus away

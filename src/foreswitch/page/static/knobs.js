@@ -1,10 +1,13 @@
 // The fields of the page: a slider and a number for each number, kept in step with the state.
 
 import { make } from "./dom.js";
-import { STEPS, clean, show } from "./scale.js";
+import { clean, show, STEPS } from "./scale.js";
 
 const keyOf = (field) => field.key ?? field.path;
 const slug = (field) => `knob-${keyOf(field).replaceAll(".", "-")}`;
+
+/** All of a field that its row is built from. */
+const looks = ({ key, path, label, kind, unit, choices }) => [key, path, label, kind, unit, choices];
 
 /** What one press of an arrow key adds in a number field: one in the second digit. */
 function nudge(value) {
@@ -12,15 +15,19 @@ function nudge(value) {
 }
 
 /**
+ * @typedef {object} Knobs
+ * @property {(groups: object[], state: object, afresh: boolean) => void} show
+ * @property {(error: {message: string, field: string|null}|null) => boolean} complain at the field; whether it has one
+ *
  * @param {HTMLElement} root
- * @param {(change: (state: object) => object, how: {path: string, done: boolean}) => void} changed done: let go, not dragged
+ * @param {(change: (state: object) => object, how: {path: string, done: boolean}) => void} changed done: not dragged
  * @param {(path: string) => string} describe
- * @returns {{show: (groups: object[], state: object, afresh: boolean) => void, complain: (error: object|null) => boolean}}
+ * @returns {Knobs}
  */
 export function knobs(root, changed, describe) {
   let shape = "";
   let rows = new Map(); // key, most often the path -> {field, element, update, complaint}
-  let folded = new Map(); // group -> open, as the reader left it
+  const folded = new Map(); // group -> open, as the reader left it
 
   /** own: seen here, so that what the server says of other fields does not end it. */
   function complainAt(row, message, own = false) {
@@ -46,12 +53,23 @@ export function knobs(root, changed, describe) {
     const { field } = row;
     const label = make("label", { for: id }, field.label);
     const unit = make("span", { className: "unit" }, field.unit ?? "");
-    const slider = make("input", { type: "range", id: `${id}-slider`, min: 0, max: STEPS, step: 1, "aria-label": `${field.label}, slider` });
+    const slider = make("input", {
+      type: "range",
+      id: `${id}-slider`,
+      min: 0,
+      max: STEPS,
+      step: 1,
+      "aria-label": `${field.label}, slider`,
+    });
     const entry = make("input", { type: "number", id, step: "any", "aria-describedby": described });
     let scale = null;
 
     const holds = (value) => scale.share(value) >= 0 && scale.share(value) <= 1;
-    const told = (value) => slider.setAttribute("aria-valuetext", Number.isFinite(value) ? `${show(value, 4)} ${field.unit ?? ""}`.trim() : "not given");
+    const told = (value) =>
+      slider.setAttribute(
+        "aria-valuetext",
+        Number.isFinite(value) ? `${show(value, 4)} ${field.unit ?? ""}`.trim() : "not given",
+      );
 
     /** The slider's place; its range is made anew for the value, or stays while somebody is at it. */
     function place(value, anew) {
@@ -90,7 +108,7 @@ export function knobs(root, changed, describe) {
       const value = field.read(state);
       if (document.activeElement !== entry || (afresh && entry.valueAsNumber !== value)) entry.value = value ?? "";
       entry.step = field.whole ? 1 : nudge(value ?? 0);
-      const busy = [entry, slider].includes(document.activeElement);
+      const busy = row.inputs.includes(document.activeElement);
       if (afresh || !scale) place(value, true);
       else if (!busy) place(value, !holds(value));
     };
@@ -99,8 +117,11 @@ export function knobs(root, changed, describe) {
 
   function choiceRow(row, id, described) {
     const { field } = row;
-    const select = make("select", { id, "aria-describedby": described },
-      ...field.choices.map(([value, words]) => make("option", { value }, words)));
+    const select = make(
+      "select",
+      { id, "aria-describedby": described },
+      ...field.choices.map(([value, words]) => make("option", { value }, words)),
+    );
     select.addEventListener("change", () => commit(row, select.value, true));
     row.inputs = [select];
     row.update = (state) => (select.value = field.read(state));
@@ -115,7 +136,10 @@ export function knobs(root, changed, describe) {
     row.update = (state, afresh) => {
       if (document.activeElement !== entry || afresh) entry.value = field.read(state);
     };
-    return [make("label", { for: id }, field.label, field.unit ? make("span", { className: "unit" }, ` ${field.unit}`) : ""), entry];
+    return [
+      make("label", { for: id }, field.label, field.unit ? make("span", { className: "unit" }, ` ${field.unit}`) : ""),
+      entry,
+    ];
   }
 
   function tickRow(row, id, described) {
@@ -135,8 +159,13 @@ export function knobs(root, changed, describe) {
     const help = describe(field.path);
     row.complaint = make("p", { id: `${id}-complaint`, className: "complaint", hidden: true });
     const parts = kinds[field.kind](row, id, `${id}-help ${id}-complaint`);
-    row.element = make("div", { className: `knob ${field.kind}`, title: help }, ...parts, row.complaint,
-      make("span", { id: `${id}-help`, hidden: true }, help));
+    row.element = make(
+      "div",
+      { className: `knob ${field.kind}`, title: help },
+      ...parts,
+      row.complaint,
+      make("span", { id: `${id}-help`, hidden: true }, help),
+    );
     row.element.dataset.path = field.path;
     rows.set(keyOf(field), row);
     return row.element;
@@ -146,18 +175,23 @@ export function knobs(root, changed, describe) {
     const focused = document.activeElement?.id;
     rows = new Map();
     root.replaceChildren(...groups.map((group) => {
-      const details = make("details", { open: folded.get(group.id) ?? group.open },
-        make("summary", {}, make("h3", {}, group.title)), make("div", { className: "group" }, ...group.fields.map(built)));
+      const details = make(
+        "details",
+        { open: folded.get(group.id) ?? group.open },
+        make("summary", {}, make("h3", {}, group.title)),
+        make("div", { className: "group" }, ...group.fields.map(built)),
+      );
       details.addEventListener("toggle", () => folded.set(group.id, details.open));
       return details;
     }));
-    if (focused && root.querySelector(`#${CSS.escape(focused)}`)) root.querySelector(`#${CSS.escape(focused)}`).focus();
+    const again = focused ? root.querySelector(`#${CSS.escape(focused)}`) : null;
+    if (again instanceof HTMLElement) again.focus();
   }
 
   root.addEventListener("submit", (event) => event.preventDefault());
   return {
     show(groups, state, afresh) {
-      const now = JSON.stringify(groups.map(({ id, title, fields }) => [id, title, fields.map(({ key, path, label, kind, unit, choices }) => [key, path, label, kind, unit, choices])]));
+      const now = JSON.stringify(groups.map(({ id, title, fields }) => [id, title, fields.map(looks)]));
       if (now !== shape) {
         shape = now;
         build(groups);

@@ -1,58 +1,61 @@
 // A record with the fit over it, and the averaged response to its pulses.
 
-import { make } from "./dom.js";
-import { axisFont, colours } from "./colours.js";
-import { show } from "./scale.js";
+import { freeHeight, line, named, timeAxis, valueAxis } from "./charts.js";
+import { colours } from "./colours.js";
 import { area, inside } from "./strokes.js";
+
+/** A chart is at least so high [px]. */
+const LEAST = 90;
+
+/**
+ * @typedef {object} Part one chart
+ * @property {string} title
+ * @property {Float32Array} t
+ * @property {boolean} [tall] twice as high as others
+ * @property {{values: Float32Array, colour: string, width?: number, dash?: number[], stairs?: boolean}[]} lines
+ * @property {{low: Float32Array, high: Float32Array}} [band]
+ */
 
 /**
  * @param {HTMLElement} root
- * @returns {{show: (shown: object|null) => void}} shown: title, t, lines [{name, values, colour, dash, width, stairs}], band {low, high}; each its own chart
+ * @returns {{show: (parts: Part[]) => void}}
  */
 export function recordCharts(root) {
-  let charts = [];
-  let parts = [];
+  let charts = []; // {chart, tall}
 
-  function build() {
+  function build(parts) {
     for (const { chart } of charts) chart.destroy();
     const palette = colours();
-    const axis = { stroke: palette.soft, grid: { stroke: palette.grid, width: 1 }, ticks: { stroke: palette.grid, width: 1, size: 4 }, font: axisFont(), values: (chart, splits) => splits.map((each) => show(each, 6)) };
-    const boxes = [];
-    charts = parts.map((part) => {
-      const box = make("div", { className: "chart" });
-      boxes.push(make("p", { className: "chart-name" }, part.title), box);
-      const series = part.lines.map((line) => ({
-        stroke: palette[line.colour], width: line.width ?? 1.5, dash: line.dash, points: { show: false },
-        ...(line.stairs ? { paths: uPlot.paths.stepped({ align: 1 }) } : {}),
-      }));
-      const beneath = (chart) => part.band && inside(chart, (ctx) => {
-        ctx.globalAlpha = 0.28;
-        ctx.fillStyle = palette.band;
-        area(chart, part.t, part.band.low, part.band.high);
-      });
+    const made = parts.map(({ title, t, tall, lines, band }) => {
+      const beneath = (chart) =>
+        band && inside(chart, (ctx) => {
+          ctx.globalAlpha = 0.28;
+          ctx.fillStyle = palette.band;
+          area(chart, t, band.low, band.high);
+        });
       const options = {
-        width: 100, height: 60, padding: [6, 12, 0, 0], legend: { show: false }, cursor: { show: false },
-        scales: { x: { time: false } }, axes: [{ ...axis, size: 30 }, { ...axis, size: 62 }], series: [{}, ...series], hooks: { drawAxes: [beneath] },
+        cursor: { show: false },
+        scales: { x: { time: false } },
+        axes: [timeAxis(palette), valueAxis(palette)],
+        series: [{}, ...lines.map(({ colour, ...more }) => line(palette, colour, more))],
+        hooks: { drawAxes: [beneath] },
       };
-      return { chart: new uPlot(options, [part.t, ...part.lines.map((line) => line.values)], box), tall: part.tall };
+      return { ...named(title, options, [t, ...lines.map((each) => each.values)]), tall };
     });
-    root.replaceChildren(...boxes);
+    charts = made;
+    root.replaceChildren(...made.flatMap((each) => each.parts));
     fit();
   }
 
   function fit() {
     if (!charts.length || !root.clientWidth) return;
-    const names = [...root.querySelectorAll(".chart-name")].reduce((sum, each) => sum + each.offsetHeight, 0);
     const total = charts.reduce((sum, each) => sum + (each.tall ? 2 : 1), 0);
-    const free = Math.max(root.clientHeight - names, 90 * charts.length);
-    for (const { chart, tall } of charts) chart.setSize({ width: root.clientWidth, height: Math.floor((free * (tall ? 2 : 1)) / total) });
+    const free = Math.max(freeHeight(root), LEAST * charts.length);
+    for (const { chart, tall } of charts) {
+      chart.setSize({ width: root.clientWidth, height: Math.floor((free * (tall ? 2 : 1)) / total) });
+    }
   }
 
   new ResizeObserver(fit).observe(root);
-  return {
-    show(next) {
-      parts = next;
-      build();
-    },
-  };
+  return { show: build };
 }

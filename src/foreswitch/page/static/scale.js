@@ -1,5 +1,7 @@
 // Between a slider's position, 0 to 1, and a value.
 
+/** @typedef {{low: number, high: number, value: (share: number) => number, share: (value: number) => number}} Scale */
+
 /** Slider positions are whole numbers up to this. */
 export const STEPS = 1000;
 
@@ -41,7 +43,7 @@ export function show(value, digits = 3) {
 /**
  * Three decades about a value, its sign kept: round ends, so that the range does not wander with the value.
  * @param {number} value not zero
- * @returns {{low: number, high: number, value: (share: number) => number, share: (value: number) => number}}
+ * @returns {Scale}
  */
 export function decades(value) {
   const sign = Math.sign(value);
@@ -58,7 +60,7 @@ export function decades(value) {
 /**
  * From zero, fine at its lower end.
  * @param {number} high
- * @returns {{low: number, high: number, value: (share: number) => number, share: (value: number) => number}}
+ * @returns {Scale}
  */
 export function fromZero(high) {
   return {
@@ -74,7 +76,7 @@ export function fromZero(high) {
  * @param {number} low
  * @param {number} high
  * @param {number} [step] values are multiples of it
- * @returns {{low: number, high: number, value: (share: number) => number, share: (value: number) => number}}
+ * @returns {Scale}
  */
 export function even(low, high, step = (high - low) / 200) {
   return {

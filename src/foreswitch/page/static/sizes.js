@@ -46,8 +46,17 @@ export function reach(table) {
  */
 export function sizes(project) {
   const { plant = {}, actuator = {} } = project;
-  const states = { integrator_lag: 2, fopdt: 1, transfer_function: plant.den?.length - 1, state_space: plant.A?.length };
-  const inputs = plant.model === "state_space" ? list(plant.B?.[0] ?? 0).length : Array.isArray(actuator.levels?.[0]) ? actuator.levels.length : 1;
+  const states = {
+    integrator_lag: 2,
+    fopdt: 1,
+    transfer_function: plant.den?.length - 1,
+    state_space: plant.A?.length,
+  };
+  const inputs = plant.model === "state_space"
+    ? list(plant.B?.[0] ?? 0).length
+    : Array.isArray(actuator.levels?.[0])
+    ? actuator.levels.length
+    : 1;
   const outputs = plant.C?.length ?? 1;
   const names = (given, count, word) =>
     Array.from({ length: count }, (_, i) => given?.[i] ?? (count > 1 ? `${word} ${i + 1}` : word));

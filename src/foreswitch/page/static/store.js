@@ -1,36 +1,62 @@
-// A dropped record stays in this browser: it is too long for an address, and the server keeps nothing.
+// What the page knows: one object of parts. All may read it; a part is changed by its one owner.
 
-/** @returns {Promise<IDBObjectStore>} */
-function shelf(mode) {
-  return new Promise((done, failed) => {
-    const opening = indexedDB.open("foreswitch", 1);
-    opening.onupgradeneeded = () => opening.result.createObjectStore("records");
-    opening.onerror = () => failed(opening.error);
-    opening.onsuccess = () => done(opening.result.transaction("records", mode).objectStore("records"));
-  });
-}
+import { fresh } from "./settings.js";
 
 /**
- * Keeps a value; without storage (a private window) it lasts until the page is left.
- * @param {string} key
- * @param {any} value
- * @returns {Promise<void>}
+ * @typedef {object} Parts
+ * @property {import("./settings.js").Settings} settings owner: main.js
+ * @property {boolean} dragging whether a slider is held; owner: main.js
+ * @property {Last} last owner: runs.js
+ * @property {string} refused key of settings of which no run can be made; owner: runs.js
+ * @property {any} proof of what is seen, the reply to "certify"; undefined: not there yet; owner: runs.js
+ * @property {any} early a proof that came before its run; owner: runs.js
+ * @property {Record<string, import("./beside.js").Held>} beside owner: beside.js
+ * @property {Record<string, string>} notices by matter; owner: telling.js
+ *
+ * @typedef {object} Last the last settings of which a run could be made
+ * @property {string} key
+ * @property {import("./settings.js").Asked|null} settings
+ * @property {any} run reply to "look"; null: none was made yet
+ * @property {any} proof as above
+ *
+ * @typedef {object} Store
+ * @property {() => Readonly<Parts>} now the parts as they are; later changes leave this object as it is
+ * @property {(...names: (keyof Parts)[]) => (change: Partial<Parts>) => void} own takes parts over: the only means of
+ *   changing them
  */
-export async function keep(key, value) {
-  const place = await shelf("readwrite").catch(() => null);
-  place?.put(value, key);
-}
 
 /**
- * @param {string} key
- * @returns {Promise<any>} undefined where nothing was kept
+ * @param {object} project that the page begins with
+ * @returns {Store}
  */
-export async function kept(key) {
-  const place = await shelf("readonly").catch(() => null);
-  if (!place) return undefined;
-  return new Promise((done) => {
-    const asked = place.get(key);
-    asked.onsuccess = () => done(asked.result);
-    asked.onerror = () => done(undefined);
+export function store(project) {
+  const owned = new Set();
+  /** @type {Readonly<Parts>} */
+  let parts = Object.freeze({
+    settings: fresh(project),
+    dragging: false,
+    last: { key: "", settings: null, run: null, proof: undefined },
+    refused: "",
+    proof: undefined,
+    early: undefined,
+    beside: {},
+    notices: {},
   });
+
+  return {
+    now: () => parts,
+    own(...names) {
+      for (const name of names) {
+        if (!Object.hasOwn(parts, name)) throw new Error(`the store has no part “${name}”`);
+        if (owned.has(name)) throw new Error(`“${name}” has an owner already`);
+        owned.add(name);
+      }
+      const mine = new Set(/** @type {string[]} */ (names));
+      return (change) => {
+        const foreign = Object.keys(change).find((name) => !mine.has(name));
+        if (foreign) throw new Error(`“${foreign}” is changed by its owner alone`);
+        parts = Object.freeze({ ...parts, ...change });
+      };
+    },
+  };
 }

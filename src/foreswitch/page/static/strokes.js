@@ -2,7 +2,7 @@
 
 /**
  * A curve, thinned to the extremes of each column of pixels.
- * @param {uPlot} chart
+ * @param {import("./charts.js").Chart} chart
  * @param {Float32Array} t
  * @param {Float32Array} y
  * @param {(context: CanvasRenderingContext2D) => void} [leave] what to do with the path; default: stroke it
@@ -16,7 +16,7 @@ export function curve(chart, t, y, leave = (context) => context.stroke()) {
 
 /**
  * The area between two curves.
- * @param {uPlot} chart
+ * @param {import("./charts.js").Chart} chart
  * @param {Float32Array} t
  * @param {Float32Array} low
  * @param {Float32Array} high
@@ -60,7 +60,7 @@ function trail(chart, t, y, from, to) {
 
 /**
  * Draws within the plotting area of a chart only.
- * @param {uPlot} chart
+ * @param {import("./charts.js").Chart} chart
  * @param {(context: CanvasRenderingContext2D) => void} draw
  */
 export function inside(chart, draw) {
@@ -71,4 +71,26 @@ export function inside(chart, draw) {
   ctx.clip();
   draw(ctx);
   ctx.restore();
+}
+
+/**
+ * Least and largest of curves between two instants, with a margin.
+ * @param {{t: Float32Array, y: Float32Array}[]} curves
+ * @param {number} from
+ * @param {number} to
+ * @returns {[number, number]}
+ */
+export function extent(curves, from, to) {
+  let low = Infinity;
+  let high = -Infinity;
+  for (const { t, y } of curves) {
+    for (let i = 0; i < t.length; i++) {
+      if (t[i] < from || t[i] > to || !Number.isFinite(y[i])) continue;
+      if (y[i] < low) low = y[i];
+      if (y[i] > high) high = y[i];
+    }
+  }
+  if (low > high) return [0, 1];
+  const margin = (high - low || Math.abs(high) || 1) * 0.05;
+  return [low - margin, high + margin];
 }

@@ -7,12 +7,13 @@ import { byId } from "./dom.js";
  * @returns {(id: string) => void} opens one
  */
 export function tabs(opened) {
-  const all = [...document.querySelectorAll('[role="tab"]')];
+  /** @type {HTMLElement[]} */
+  const all = Array.from(document.querySelectorAll('[role="tab"]'));
 
   function open(id) {
     for (const tab of all) {
       const mine = tab.getAttribute("aria-controls") === id;
-      tab.setAttribute("aria-selected", mine);
+      tab.setAttribute("aria-selected", String(mine));
       tab.tabIndex = mine ? 0 : -1;
       byId(tab.getAttribute("aria-controls")).hidden = !mine;
     }

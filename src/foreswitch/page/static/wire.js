@@ -17,9 +17,9 @@ export function unpack(message) {
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(message, 4, length)));
   const numbers = new Float32Array(message, 4 + length);
   for (const [name, [offset, shape]] of Object.entries(header.arrays ?? {})) {
-    const row = shape.length > 1 ? shape[1] : shape[0];
-    const rows = Array.from({ length: shape.length > 1 ? shape[0] : 1 }, (_, i) => numbers.subarray(offset + i * row, offset + (i + 1) * row));
-    header[name] = shape.length > 1 ? rows : rows[0];
+    const row = (i, length) => numbers.subarray(offset + i * length, offset + (i + 1) * length);
+    const [count, length] = shape;
+    header[name] = shape.length > 1 ? Array.from({ length: count }, (_, i) => row(i, length)) : row(0, count);
   }
   delete header.arrays;
   return header;
@@ -27,7 +27,7 @@ export function unpack(message) {
 
 /**
  * @param {number} limit of a message [bytes]; a longer one would end the connection
- * @param {(state: {open: boolean, wait: number}) => void} noticed of a connection lost, with the wait [ms], or found again
+ * @param {(state: {open: boolean, wait: number}) => void} noticed a connection lost, with the wait [ms], or found
  * @returns {{ask: (kind: string, lane: string, body: object, answered: (reply: object) => void) => void}}
  */
 export function wire(limit, noticed) {
@@ -87,7 +87,9 @@ export function wire(limit, noticed) {
       const text = JSON.stringify({ id, kind, lane: name, ...body });
       if (new Blob([text]).size > limit) {
         lane.sent = lane.next = null; // what was asked before is out of date
-        const message = `The settings are larger than the ${Math.floor(limit / 1024)} KiB that the server reads at once; shorten their lists`;
+        const message = `The settings are larger than the ${
+          Math.floor(limit / 1024)
+        } KiB that the server reads at once; shorten their lists`;
         setTimeout(() => answered({ id, kind, error: { message, field: null } }));
         return;
       }

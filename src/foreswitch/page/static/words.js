@@ -3,7 +3,10 @@
 import { show } from "./scale.js";
 import { bare, unitOf } from "./sizes.js";
 
-const time = (seconds) => (seconds === null || seconds === undefined ? "–" : Math.abs(seconds) < 1 ? `${show(1000 * seconds)} ms` : `${show(seconds)} s`);
+function time(seconds) {
+  if (seconds === null || seconds === undefined) return "–";
+  return Math.abs(seconds) < 1 ? `${show(1000 * seconds)} ms` : `${show(seconds)} s`;
+}
 const capital = (text) => text[0].toUpperCase() + text.slice(1);
 const withUnit = (value, name) => `${show(value)} ${unitOf(name)}`.trim();
 
@@ -26,9 +29,12 @@ export function summary(run) {
   });
   const inputs = run.inputs.map((name, j) => `${bare(name)}: ${metrics.switches[j]} switches`);
   const odd = run.status.reduce((count, status) => count + (status !== 0), 0);
-  const unsound = odd ? [`In ${odd} periods the command did not rest on a sound measurement; move the cursor there to read why`] : [];
+  const unsound = odd
+    ? [`In ${odd} periods the command did not rest on a sound measurement; move the cursor there to read why`]
+    : [];
   const more = [...unsound, ...(run.warnings ?? [])].map((each) => sentence(capital(each)));
-  return [`${capital(outputs.join("; "))}.`, `${capital(inputs.join(", "))} in ${time(run.t.at(-1))}.`, ...more].join(" ");
+  const switched = `${capital(inputs.join(", "))} in ${time(run.t.at(-1))}.`;
+  return [`${capital(outputs.join("; "))}.`, switched, ...more].join(" ");
 }
 
 /**
@@ -39,7 +45,9 @@ export function summary(run) {
  */
 export function verdict(proof, outputs) {
   if (!proof.holds) return `Not proven: ${sentence(proof.reasons?.[0] ?? "")}`;
-  const bounds = outputs.map((name, q) => `${withUnit(proof.error_bound[q], name)}${outputs.length > 1 ? ` (${bare(name)})` : ""}`);
+  const bounds = outputs.map((name, q) =>
+    `${withUnit(proof.error_bound[q], name)}${outputs.length > 1 ? ` (${bare(name)})` : ""}`
+  );
   const within = `at no time further than ${bounds.join(", ")} from the ideal response (the shaded band)`;
   if (proof.covers) return `Proven for the model alone: ${within}; ${sentence(proof.covers)}`;
   return `Proven: ${within}.`;
@@ -55,7 +63,16 @@ export function sentence(text) {
 }
 
 /** Heads of the table of runs. */
-export const HEADS = ["run", "rms error", "lag", "rms error without it", "largest error", "switches", "time on", "proven bound"];
+export const HEADS = [
+  "run",
+  "rms error",
+  "lag",
+  "rms error without it",
+  "largest error",
+  "switches",
+  "time on",
+  "proven bound",
+];
 
 /**
  * A row of that table.
@@ -68,9 +85,18 @@ export function figures(metrics, outputs, proof) {
   const { rms_error, lag, rms_error_at_lag, max_error, switches, on_time } = lists(metrics);
   const inUnit = (values) => values.map((value, q) => withUnit(value, outputs[q])).join(", ");
   const times = (values) => values.map(time).join(", ");
-  const bound = proof === undefined ? "…" : proof === null ? "" : proof.holds ? `${inUnit(proof.error_bound)}${proof.covers ? " (model only)" : ""}` : "none";
+  const bound = () => {
+    if (!proof) return proof === null ? "" : "…";
+    return proof.holds ? `${inUnit(proof.error_bound)}${proof.covers ? " (model only)" : ""}` : "none";
+  };
   return [
-    inUnit(rms_error), times(lag), inUnit(rms_error_at_lag), inUnit(max_error), switches.join(", "), times(on_time), bound,
+    inUnit(rms_error),
+    times(lag),
+    inUnit(rms_error_at_lag),
+    inUnit(max_error),
+    switches.join(", "),
+    times(on_time),
+    bound(),
   ];
 }
 

@@ -179,6 +179,38 @@ def test_the_contract_names_are_there():
     assert {"simulate_batch", "Batch", "Hardware", "Stuck", "NonlinearPlant", "FmuPlant"} <= set(fsw.__all__)
 
 
+# Sizes ----------------------------------------------------------------------------------------------------------------
+
+#: Lines of a module, and of a function below its docstring: what is read at one sitting.
+MODULE_LINES, FUNCTION_LINES = 450, 60
+
+
+def oversized(text):
+    """What of a module is too long, and by how much."""
+    lines = len(text.splitlines())
+    found = [f"the module has {lines} lines"] if lines > MODULE_LINES else []
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            body = node.body[1:] if ast.get_docstring(node, clean=False) is not None else node.body
+            length = node.end_lineno - body[0].lineno + 1 if body else 0
+            if length > FUNCTION_LINES:
+                found.append(f"{node.name} has {length} lines")
+    return found
+
+
+def test_modules_and_functions_are_short_enough_to_read():
+    found = {path.relative_to(SOURCE).as_posix(): oversized(path.read_text()) for path in SOURCE.rglob("*.py")}
+    assert len(found) > 100
+    assert {path: why for path, why in found.items() if why} == {}
+
+
+def test_the_measure_of_sizes_sees_what_is_too_long():
+    body = "\n".join("    x = 1" for _ in range(FUNCTION_LINES + 1))
+    assert oversized(f'def f():\n    """Says what."""\n{body}\n') == [f"f has {FUNCTION_LINES + 1} lines"]
+    assert oversized(f"class A:\n  def f(self):\n{body}\n") == [f"f has {FUNCTION_LINES + 1} lines"]
+    assert oversized("x = 1\n" * (MODULE_LINES + 1)) == [f"the module has {MODULE_LINES + 1} lines"]
+
+
 # Documentation --------------------------------------------------------------------------------------------------------
 
 

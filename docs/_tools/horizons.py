@@ -97,7 +97,7 @@ class Family:
     def add(self, key: str, name: str, here: str, run: Run, law: fsw.Controller | None, sequences: str) -> None:
         """A law's row; of what it has a name for in the text, the figures."""
         m = run.metrics()
-        found = search_figures(run, law) if law else {}
+        found = search_figures(run) if law else {}
         nodes = [found[name] for name in ("nodes_median", "nodes_max") if found]
         self.rows.append([
             name, here, number(m["rms_error"]), f"{round(1e3 * m['lag'], 2) + 0.0:.2f}", str(m["switches"]), sequences,
@@ -157,7 +157,7 @@ def limits() -> Values:
         values |= {f"blind_{key}": m["rms_error"], f"blind_{key}_lag": 1e3 * m["lag"]}
     hurried = exact(20, move_weight=MUCH, node_budget=100)
     values["budget_rms"] = hurried[0].metrics()["rms_error"]
-    values["budget_proven"] = search_figures(*hurried)["optimal_percent"]
+    values["budget_proven"] = search_figures(hurried[0])["optimal_percent"]
     values["least_rms"] = exact(20, move_weight=MUCH, node_budget=1)[0].metrics()["rms_error"]
     attitude = Project.read(ROOT / "examples" / "attitude" / "project.toml").with_seed(0)
     with warnings.catch_warnings():

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings, strategies as st
 
+from foreswitch._helpers.json import plain_data
 from foreswitch._helpers.mistake import Mistake
 from foreswitch.model.reference import sample
 from foreswitch.page import jobs, presets
 from foreswitch.page.limits import LIMITS
-from foreswitch.page.wire import clean, pack, unpack
+from foreswitch.page.wire import pack, unpack
 from foreswitch.project.project import Project
 from foreswitch.project.tables import TABLES
 from foreswitch.simulation.loop import sampled
@@ -241,7 +242,7 @@ def test_a_look_shows_the_run_that_the_library_makes(name):
     run = Project(EXAMPLES[name]).with_seed(0).simulate()
     for key, values in {"t": run.t, "y": run.y.T, "r": run.r.T, "u": run.u.T, "cost": run.cost}.items():
         np.testing.assert_array_equal(arrays[key], values.astype(np.float32), err_msg=key)
-    assert fields["metrics"] == clean(run.metrics())
+    assert fields["metrics"] == plain_data(run.metrics())
     assert fields["id"] == 7
 
 
@@ -383,7 +384,7 @@ def test_a_certificate_bears_the_options_either_way():
     assert fields["holds"] is proof.holds is True
     assert fields["error_bound"] == proof.error_bound.tolist()
     assert fields["reasons"] == proof.reasons
-    assert fields["margins"] == clean(proof.margins)
+    assert fields["margins"] == plain_data(proof.margins)
     run = Project(HOT).simulate()
     ideal = proof.ideal(Project(HOT).reference, 0.6)
     np.testing.assert_array_equal(arrays["ideal"], ideal.T.astype(np.float32))
@@ -408,10 +409,10 @@ def test_what_is_not_proven_has_reasons_and_no_band():
 
 @pytest.mark.parametrize("which", ["relay", "pi_pwm", "smith_pwm"])
 def test_a_baseline_is_the_one_that_the_library_tunes(which):
-    from foreswitch.page.answers import BASELINES
+    from foreswitch.simulation.baselines import BASELINES
 
     fields, arrays = ask("baseline", HOT, which=which, budget=40)
-    tuned = Project(HOT).with_seed(0).tune(BASELINES[which], budget=40)
+    tuned = Project(HOT).with_seed(0).tune(BASELINES[which].law, budget=40)
     assert fields["parameters"] == tuned.parameters
     np.testing.assert_array_equal(arrays["u"], tuned.run.u.T)
 
@@ -432,7 +433,7 @@ def test_a_reply_is_read_as_it_was_written(header, arrays):
     length = int.from_bytes(message[:4], "little")
     assert (length + 4) % 4 == 0
     json.loads(message[4 : 4 + length], parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
-    assert {key: value for key, value in found.items() if key != "arrays"} == clean(header)
+    assert {key: value for key, value in found.items() if key != "arrays"} == plain_data(header)
     assert read.keys() == arrays.keys()
     for name, values in arrays.items():
         with np.errstate(over="ignore"):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import foreswitch as fsw
+from foreswitch._helpers.json import plain_data
 from foreswitch.page import jobs
-from foreswitch.page.wire import clean, unpack
+from foreswitch.page.wire import unpack
 from foreswitch.project import Project
 
 RIG = fsw.Plant.integrator_lag(k=16500.0, c=0.006, L=0.005, input_names="valve [-]", output_names="pressure [kPa]")
@@ -66,7 +67,7 @@ def test_what_is_no_record_is_told(content):
 def test_a_record_gives_the_plant_of_the_library(record):
     header, arrays = identified(record.read_bytes(), time=["t"], input=["2"], output=["pressure [kPa]"])
     fit = fsw.identify(fsw.Record.read_csv(record))
-    assert header["fit"]["parameters"] == clean(
+    assert header["fit"]["parameters"] == plain_data(
         {
             n: {"value": v, "standard_error": e, "unit": u}
             for (n, (v, e)), u in zip(fit.parameters.items(), ("s", "kPa/s", "s"), strict=True)

@@ -189,7 +189,7 @@ def test_report_and_table(result, tmp_path):
 
 
 def test_the_figure_shows_every_curve_and_marks_the_law_itself(result):
-    axes = result.figure().axes[0]
+    axes = result.plot().axes[0]
     assert [text.get_text() for text in axes.get_legend().get_texts()] == list(result.runs)
     for i, (law, curve) in enumerate(result.curves.items()):
         line, mark = axes.lines[2 * i : 2 * i + 2]

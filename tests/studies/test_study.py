@@ -27,7 +27,7 @@ from foreswitch.studies.plan import KEYS, planned
 from foreswitch.studies.workers import WorkersLost, run_rows
 from systems import TWO_BY_TWO
 
-STUDY = importlib.import_module("foreswitch.studies.result")  # the package's name is the function's
+STUDY = importlib.import_module("foreswitch.studies.result")
 SWEEP = importlib.import_module("foreswitch.studies.sweep")
 CONTENT = {
     "plant": {"model": "integrator_lag", "k": 16500.0, "c": 0.006, "input_delay": 0.005},
@@ -337,7 +337,7 @@ def test_every_key_of_a_project_file_can_be_varied():
     """But the seed; the names are those that the documentation of the project file lists."""
     assert {"actuator.levels", "controller.lam", "simulation.hardware.stuck.level", "simulation.plant.B"} < set(KEYS)
     assert "simulation.seed" not in KEYS
-    assert all(KEYS.values())
+    assert all(meaning.sentence for meaning in KEYS.values())
 
 
 # Tables and pictures --------------------------------------------------------------------------------------------------
@@ -371,14 +371,14 @@ def test_tables_are_written_in_blocks(table, tmp_path, monkeypatch):
 
 
 def test_the_summary_is_that_of_pandas(table):
-    summary = pd.DataFrame(table.summary((0.05, 0.5, 0.975)))
+    summary = pd.DataFrame(table.quantiles((0.05, 0.5, 0.975)))
     grouped = table.to_frame().groupby(["controller.Td", "gain_error"])
     for metric in table.metrics:
         for name, share in (("q05", 0.05), ("q50", 0.5), ("q97.5", 0.975)):
             np.testing.assert_allclose(summary[f"{metric}_{name}"], grouped[metric].quantile(share), rtol=1e-12)
     assert len(summary) == 6
     with pytest.raises(ValueError, match="quantiles is"):
-        table.summary([2.0])
+        table.quantiles([2.0])
 
 
 def drawn_lines(figure):
@@ -387,7 +387,7 @@ def drawn_lines(figure):
 
 
 def test_pictures_show_what_was_computed(table):
-    summary = table.summary()
+    summary = table.quantiles()
     heat = table.plot("switches")
     [mesh] = heat.axes[0].collections
     assert np.array_equal(np.asarray(mesh.get_array()), summary["switches_q50"].reshape(3, 2))
@@ -534,7 +534,7 @@ import importlib, json, sys, time
 import foreswitch as fsw
 from foreswitch import cli
 from foreswitch.project import Project
-module = importlib.import_module("foreswitch.studies.result")
+module = importlib.import_module("foreswitch.studies.sweep")
 module.chunk_rows = lambda plan, workers: 7
 content, over, out = json.loads(sys.argv[1])
 fsw.study(Project(content), over, repeats=30, seed=5, out=out, progress=lambda share, what: time.sleep(0.1))
@@ -712,9 +712,9 @@ def test_the_verb_writes_tables_and_a_report(call, tmp_path):
     assert summary == json.loads((tmp_path / "study/metrics.json").read_text())
     over = {"controller.Td": [0.01, 0.02], "gain_error": fsw.Normal(0.0, 0.1)}
     table = fsw.study("project.toml", over, repeats=3, seed=4)
-    assert [point["rms_error_q50"] for point in summary["points"]] == table.summary()["rms_error_q50"].tolist()
+    assert [point["rms_error_q50"] for point in summary["points"]] == table.quantiles()["rms_error_q50"].tolist()
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "study/runs.parquet"), table.to_frame())
-    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "study/summary.csv"), pd.DataFrame(table.summary()))
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "study/summary.csv"), pd.DataFrame(table.quantiles()))
     pictures = {"rms_error", "max_error", "switches", "on_time", "drawn"}
     assert {path.stem for path in (tmp_path / "study").glob("*.png")} == pictures
     report = (tmp_path / "study/report.html").read_text()
@@ -757,7 +757,7 @@ def test_lost_workers_are_one_line_and_exit_code_1(call, monkeypatch):
     def lose(*_, **__):
         raise WorkersLost("worker processes died")
 
-    monkeypatch.setattr(app, "run_study", lose)
+    monkeypatch.setattr(SWEEP, "study", lose)
     assert call() == (1, "", "foreswitch: worker processes died\n")
 
 

@@ -52,8 +52,8 @@ def study(folder: Path) -> Values:
     save(grid.plot(), folder / "study_map.svg")
     bands = fsw.study(valve, fixed | {"gain_error": fsw.Normal(0.0, 0.05)}, repeats=100, seed=1)
     save(bands.plot(), folder / "study_band.svg")
-    middle = grid.summary()["rms_error_q50"].reshape(17, 9)
-    upper = bands.summary()["rms_error_q95"]
+    middle = grid.quantiles()["rms_error_q50"].reshape(17, 9)
+    upper = bands.quantiles()["rms_error_q95"]
     return {
         "study_true": middle[8, 4], "study_late": middle[12, 4], "study_early": middle[4, 4],
         "study_band_late": upper[12], "study_band_early": upper[4],

@@ -1,1 +1,1 @@
-"""What every wing may use and that knows no control: checks of arguments, files written whole, CSV, text."""
+"""What every wing may use and that knows no control: checks of arguments, files, CSV, JSON, TOML, text, units."""

@@ -1,22 +1,15 @@
 """Text pieces shared by several modules."""
 
-import re
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
-__all__ = ["name_and_unit", "nearest", "tree"]
+__all__ = ["nearest", "tree"]
 
 
 def tree(head: str, lines: Sequence[str]) -> str:
     """A head with its branches."""
     branches = [f"├─ {line}" for line in lines[:-1]] + [f"└─ {lines[-1]}"]
     return "\n".join([head, *branches])
-
-
-def name_and_unit(name: str) -> tuple[str, str]:
-    """What "pressure [kPa]" consists of; the unit is empty where none is given."""
-    hit = re.fullmatch(r"(.*?)\s*\[([^\[\]]*)\]\s*", name, flags=re.DOTALL)
-    return (hit[1], " ".join(hit[2].split())) if hit else (name, "")
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

@@ -17,7 +17,7 @@ from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.mistake import Mistake
 from foreswitch._helpers.text import tree
-from foreswitch.certificate import margins, plots, reasons
+from foreswitch.certificate import margins, plots, reasons, report
 from foreswitch.certificate.error_dynamics import ErrorLoop
 from foreswitch.certificate.ideal_response import Course, ideal_run
 from foreswitch.certificate.model_errors import Errors
@@ -28,6 +28,7 @@ from foreswitch.control.controller import Controller
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from foreswitch.presentation.report import Report
     from foreswitch.simulation.run import Run
 
 __all__ = ["Certificate", "certify"]
@@ -288,38 +289,35 @@ class Certificate:
         y, u = ideal_run(self.loop, self.course)
         return plots.band(self.course, y, u, self.error_bound, self.input_range, run)
 
-    def summary(self) -> dict[str, Any]:
-        """Everything in plain numbers, lists and words, margins included; None for what is not finite.
+    def summary(self, *, margins: bool = True) -> dict[str, Any]:
+        """Everything as plain data.
+
+        Parameters
+        ----------
+        margins : bool
+            Whether what is left is told as well; finding it takes longest.
 
         Returns
         -------
         dict
+            Numbers, lists, words and None, which stands for what is not finite; keys say their units, as in
+            ``"error_bound [kPa]"``.
         """
+        return report.certificate_summary(self, margins=margins)
 
-        def pair(each: Range | None) -> Any:
-            return None if each is None else [each[0].tolist(), each[1].tolist()]
+    def report(self, name: str) -> Report:
+        """What is proven, how much is left, the picture and the controller, to be written as a page.
 
-        e = self.errors
-        result: dict[str, Any] = _finite({
-            "holds": self.holds,
-            "reasons": self.reasons,
-            "error_bound": self.error_bound.tolist(),
-            "resolution": self.resolution.tolist(),
-            "poles": [[pole.real, pole.imag] for pole in self.poles.tolist()],
-            "lag": np.ravel(self.lag).tolist(),
-            "dc_gain": np.atleast_2d(self.dc_gain).tolist(),
-            "input_range": pair(self.input_range),
-            "ideal_input": pair(self.ideal_input),
-            "arguments": [{"input_range": pair(each), "error_bound": bound.tolist()} for each, bound in self.arguments],
-            "errors": {"noise": e.noise, "delay_error": e.delay, "gain_error": e.gain, "load": e.load},
-            "margins": self.margins,
-            "Td_intervals": self.Td_intervals,
-            "lam_intervals": self.lam_intervals,
-            "fastest": self.fastest,
-            "steady": self.steady,
-            "rest": self.rest,
-        })  # fmt: skip
-        return result
+        Parameters
+        ----------
+        name : str
+            Its heading.
+
+        Returns
+        -------
+        Report
+        """
+        return report.certificate_report(name, self)
 
     def __repr__(self) -> str:
         if not self.holds:
@@ -342,14 +340,3 @@ class Certificate:
         ]
         lines.append(f"errors  {', '.join(some) or 'none'}")
         return tree("Certificate, holds", lines)
-
-
-def _finite(value: Any) -> Any:
-    """As JSON can hold it."""
-    if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [_finite(each) for each in value]
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
-    return value

@@ -1,14 +1,60 @@
-"""A certificate as a section of a report, and as a report of its own."""
+"""A certificate as plain data, as a section of a report, and as a report of its own."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
-from foreswitch.certificate.certificate import Certificate
+from foreswitch._helpers.json import plain_data
+from foreswitch._helpers.units import described, rate_unit, unit_of_names
 from foreswitch.certificate.reasons import between, intervals, numbers
 from foreswitch.presentation.report import Picture, Report, Section, Table, number
 
-__all__ = ["certificate_report", "certificate_section"]
+if TYPE_CHECKING:
+    from foreswitch.certificate.certificate import Certificate
+
+__all__ = ["certificate_report", "certificate_section", "certificate_summary"]
+
+
+def certificate_summary(proof: Certificate, *, margins: bool) -> dict[str, Any]:
+    """What is proven and, if wanted, how much is left; keys with units."""
+    plant, e = proof.controller.plant, proof.errors
+    given, out = unit_of_names(plant.input_names), unit_of_names(plant.output_names)
+    measured = out if proof.controller.estimator is not None else ""
+    units = {"delay_error": "s", "load": given, "noise": measured}
+
+    def labelled(values: dict[str, Any]) -> dict[str, Any]:
+        return {described(name, units.get(name)): value for name, value in values.items()}
+
+    reach, bound = described("input_range", given), described("error_bound", out)
+    found = {
+        "holds": proof.holds,
+        "reasons": proof.reasons,
+        "outputs": plant.output_names,
+        "inputs": plant.input_names,
+        bound: proof.error_bound,
+        described("resolution", out): proof.resolution,
+        "poles": [[pole.real, pole.imag] for pole in proof.poles.tolist()],
+        "lag [s]": np.ravel(proof.lag),
+        "dc_gain": np.atleast_2d(proof.dc_gain),
+        reach: proof.input_range,
+        described("ideal_input", given): proof.ideal_input,
+        "arguments": [{reach: each, bound: values} for each, values in proof.arguments],
+        "errors": labelled({"noise": e.noise, "delay_error": e.delay, "gain_error": e.gain, "load": e.load}),
+    }
+    if margins:
+        rates = {"value": out, "slope": rate_unit(out), "acceleration": rate_unit(out, 2)}
+        found |= {
+            "margins": labelled(proof.margins),
+            "Td_intervals [s]": proof.Td_intervals,
+            "lam_intervals [rad/s]": proof.lam_intervals,
+            "fastest": proof.fastest,
+            "steady": {described(name, rates[name]): value for name, value in proof.steady.items()},
+            "rest": proof.rest,
+        }
+    plain: dict[str, Any] = plain_data(found)
+    return plain
 
 
 def certificate_section(proof: Certificate, *, pictured: bool = True) -> Section:

@@ -103,14 +103,10 @@ def run_demo(progress: Callable[[str], None] = lambda _: None) -> Demo:
     for frequency in FREQUENCIES:
         cyclic[frequency], vents[frequency] = _cycle(project, frequency)
     tuned = {}
-    for name, kind in (
-        ("relay with hysteresis", baselines.Relay),
-        ("PI + PWM", baselines.PIPWM),
-        ("Smith predictor + PWM", baselines.SmithPWM),
-    ):
-        progress(f"tuning: {name}")
-        tuned[name] = baselines.tune(
-            kind, project.plant, project.controller.levels, project.controller.Ts, project.reference,
+    for known in baselines.BASELINES.values():
+        progress(f"tuning: {known.title}")
+        tuned[known.title] = baselines.tune(
+            known.law, project.plant, project.controller.levels, project.controller.Ts, project.reference,
             project.file.simulation.duration, budget=300,
         )  # fmt: skip
     progress("a task nobody was tuned for")

@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from foreswitch._helpers.check import Array
-from foreswitch._helpers.text import name_and_unit
+from foreswitch._helpers.units import name_and_unit
 from foreswitch.control.controller import Controller
 from foreswitch.control.decision import Status
 from foreswitch.control.objective import Horizon

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
@@ -13,9 +13,11 @@ from scipy.signal import lfilter, ss2tf
 
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.json import plain_data
 from foreswitch._helpers.mistake import Mistake
 from foreswitch._helpers.text import tree
-from foreswitch.identification import plots
+from foreswitch._helpers.units import NO_UNIT, described, name_and_unit, rate_unit, unit_of_names
+from foreswitch.identification import plots, report
 from foreswitch.identification.diagnosis import diagnose, indistinguishable
 from foreswitch.identification.fitting import Problem, Trial
 from foreswitch.identification.record import Record
@@ -25,6 +27,8 @@ from foreswitch.model.prediction import transition
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from foreswitch.presentation.report import Report
 
 __all__ = ["Fit", "FittedStructure", "prediction_errors"]
 
@@ -215,7 +219,82 @@ class Fit:
                 y[rows, o] = measured - error
         return y
 
-    # ---- Pictures ----
+    # ---- What it says of itself ----
+
+    def unit(self, parameter: str) -> str:
+        """The unit of one of `parameters`.
+
+        Parameters
+        ----------
+        parameter : str
+
+        Returns
+        -------
+        str
+            Empty where it has none, or no short one.
+        """
+        base, _, mark = parameter.partition("_")
+        kind = base.rstrip("0123456789")
+        if kind in ("delay", "T", "c"):
+            return "s"
+        if kind == "omega":
+            return "rad/s"
+        if kind not in ("k", "K"):
+            return ""
+        o = int(mark[0]) - 1 if self.plant.outputs > 1 else 0
+        j = int(mark[-1]) - 1 if self.plant.inputs > 1 else 0
+        output, level = (name_and_unit(name)[1] for name in (self.record.output_names[o], self.record.input_names[j]))
+        slope = rate_unit(output, self.estimate.problem.structures[o].integrators)
+        return "" if slope == "1" else slope if level in NO_UNIT else f"{slope}/{level}"
+
+    def summary(self) -> dict[str, Any]:
+        """The fit as plain data: structure, parameters, operating point, noise, what was compared, warnings.
+
+        Returns
+        -------
+        dict
+            Numbers, lists, words and None, which stands for what is not finite; keys say their units, as in
+            ``"y_offset [kPa]"``, and each parameter has its own beside it.
+        """
+        inputs, outputs = self.record.input_names, self.record.output_names
+        candidates = []
+        for each in self.candidates:
+            unit = name_and_unit(each.output)[1]
+            candidates.append(
+                {described(key, unit) if key == "held_back" else key: value for key, value in asdict(each).items()}
+            )
+        squared = unit_of_names(outputs)
+        found = {
+            "structure": np.atleast_1d(self.structure),
+            "parameters": {
+                name: {"value": value, "standard_error": error, "unit": self.unit(name)}
+                for name, (value, error) in self.parameters.items()
+            },
+            "fit_percent": np.ravel(self.fit_percent),
+            described("u_offset", unit_of_names(inputs)): self.plant.u_offset,
+            described("y_offset", unit_of_names(outputs)): self.plant.y_offset,
+            described("measurement_noise", squared and f"{squared}, squared"): self.measurement_noise,
+            "candidates": candidates,
+            "inputs": inputs,
+            "outputs": outputs,
+            "warnings": self.warnings,
+        }
+        plain: dict[str, Any] = plain_data(found)
+        return plain
+
+    def report(self, name: str) -> Report:
+        """What was found, how sure it is, and what the data could not tell, to be written as a page.
+
+        Parameters
+        ----------
+        name : str
+            Its heading.
+
+        Returns
+        -------
+        Report
+        """
+        return report.fit_report(name, self)
 
     def plot(self) -> Figure:
         """The record with the simulated fit.

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from foreswitch.identification.fit import Fit, FittedStructure
 from foreswitch.presentation.report import Picture, Report, Section, Table, number
+
+if TYPE_CHECKING:
+    from foreswitch.identification.fit import Fit, FittedStructure
 
 __all__ = ["candidate_table", "fit_report", "fit_sections", "parameter_table"]
 

@@ -142,6 +142,38 @@ class Plant:
             raise Mistake(name, changes[name], remedy, problem=problem, subject="Plant")
         return Plant(**(keep | changes))
 
+    def with_errors(self, delay: ArrayLike = 0.0, gain: ArrayLike = 0.0) -> Plant:
+        """What this model may be wrong about: a plant that answers later and more strongly.
+
+        Parameters
+        ----------
+        delay : float or array_like, shape (m,)
+            Added to ``input_delay`` [s]; negative: it answers earlier.
+        gain : float or array_like, shape (m,)
+            Share by which each input does more: ``B (1 + gain)``.
+
+        Returns
+        -------
+        Plant
+
+        Raises
+        ------
+        ValueError
+            If an argument does not fit, or a dead time would be negative.
+
+        Examples
+        --------
+        >>> Plant.integrator_lag(16500.0, 0.006, 0.005).with_errors(delay=0.001, gain=-0.1).input_delay
+        array([0.006])
+        """
+        late = check.per("delay", delay, self.inputs, "input")
+        input_delay = self.input_delay + late
+        if (input_delay < 0.0).any():
+            j = int(input_delay.argmin())
+            problem = f"is {late[j]:g}, which leaves less than no dead time ({input_delay[j]:g} s)"
+            raise Mistake("delay", late[j], f"give at least {-self.input_delay[j]:g}", problem=problem)
+        return self.replace(B=self.B * (1.0 + check.per("gain", gain, self.inputs, "input")), input_delay=input_delay)
+
     @classmethod
     def from_tf(cls, num: ArrayLike, den: ArrayLike, *, input_delay: ArrayLike = 0.0, **names: Any) -> Plant:
         """From one transfer function, coefficients in descending powers of s.

@@ -10,24 +10,19 @@ import numpy as np
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.mistake import Mistake, within
 from foreswitch._helpers.text import nearest
+from foreswitch._helpers.units import without_units
 from foreswitch.certificate.certificate import Certificate
 from foreswitch.certificate.ideal_response import ideal_run
 from foreswitch.page.setups import OPTIONS, Setup, setup
 from foreswitch.project.tables import SimulationTable
-from foreswitch.simulation import baselines
+from foreswitch.simulation.baselines import BASELINES
 from foreswitch.simulation.loop import Loop
 from foreswitch.simulation.replay import moment
-from foreswitch.simulation.run import Run
+from foreswitch.simulation.run import FIGURES, Run
 
 __all__ = ["baseline", "certify", "costs", "look"]
 
 Answer = tuple[dict[str, Any], dict[str, Array]]
-
-BASELINES: dict[str, type[baselines.Baseline]] = {
-    "relay": baselines.Relay,
-    "pi_pwm": baselines.PIPWM,
-    "smith_pwm": baselines.SmithPWM,
-}
 
 
 def look(request: dict[str, Any]) -> Answer:
@@ -45,13 +40,9 @@ def look(request: dict[str, Any]) -> Answer:
 
 def picture(run: Run) -> Answer:
     """What a run draws."""
-    plant: Any = run.plant
-    fields = {
-        "outputs": list(plant.output_names),
-        "inputs": list(plant.input_names),
-        "Ts": run.Ts,
-        "metrics": run.metrics(),
-    }
+    summary = without_units(run.summary())
+    fields = {name: summary[name] for name in ("outputs", "inputs", "Ts")}
+    fields["metrics"] = {name: summary[name] for name in FIGURES}
     return fields, {"t": run.t, "y": run.y.T, "r": run.r.T, "u": run.u.T}
 
 
@@ -102,25 +93,8 @@ def certify(request: dict[str, Any]) -> Answer:
     project = made.model
     with within(None, OPTIONS):
         proof = project.certify(delay_error=abs(made.delay_error), gain_error=abs(made.gain_error))
-    fields: dict[str, Any] = {
-        "holds": proof.holds,
-        "reasons": proof.reasons,
-        "error_bound": proof.error_bound,
-        "resolution": proof.resolution,
-        "lag": proof.lag,
-        "dc_gain": proof.dc_gain,
-        "poles": [[pole.real, pole.imag] for pole in proof.poles.tolist()],
-        "input_range": proof.input_range,
-        "ideal_input": proof.ideal_input,
-        "outputs": list(project.plant.output_names),
-        "covers": _beside(project.file.simulation),
-        "warnings": made.warnings,
-    }
-    if request.get("margins") is True:
-        fields |= {
-            "margins": proof.margins, "Td_intervals": proof.Td_intervals, "lam_intervals": proof.lam_intervals,
-            "rest": proof.rest,
-        }  # fmt: skip
+    fields = without_units(proof.summary(margins=request.get("margins") is True))
+    fields |= {"covers": _beside(project.file.simulation), "warnings": made.warnings}
     return fields, _band(proof)
 
 
@@ -149,7 +123,7 @@ def baseline(request: dict[str, Any]) -> Answer:
     if isinstance(budget, bool) or not isinstance(budget, int) or not 20 <= budget <= 2000:
         raise Mistake("budget", budget, "give 20 to 2000 runs", key="budget")
     made = setup(request)
-    tuned = made.project.tune(BASELINES[which], budget=budget)
+    tuned = made.project.tune(BASELINES[which].law, budget=budget)
     fields, arrays = picture(tuned.run)
     fields |= {
         "which": which,

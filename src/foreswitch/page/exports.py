@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
-import re
 import tempfile
 import zipfile
 from collections.abc import Callable
@@ -12,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from foreswitch._helpers.mistake import within
+from foreswitch._helpers.toml import toml_text
 from foreswitch.export.firmware import check_export, export_c
 from foreswitch.export.fmu import export_fmu
 from foreswitch.page.setups import SEED, Setup, setup
 from foreswitch.project.tables import TABLES
-from foreswitch.simulation.report import run_report
 
 __all__ = ["FILES", "export", "toml"]
 
@@ -63,7 +61,7 @@ def _seeded(tables: dict[str, Any]) -> dict[str, Any]:
 
 
 def _report(made: Setup, name: str, folder: Path) -> bytes:
-    run_report(name, made.project.simulate(), made.project.controller).write(folder)
+    made.project.simulate().report(name).write(folder)
     return (folder / "report.html").read_bytes()
 
 
@@ -93,9 +91,6 @@ FILES: dict[str, tuple[Callable[[Setup, str, Path], bytes], str, str]] = {
 
 # TOML -----------------------------------------------------------------------------------------------------------------
 
-#: A comment behind a longer line would not be seen.
-MARGIN = 60
-
 
 def toml(tables: dict[str, Any]) -> str:
     """Tables as the text of a project file, with what each key means behind it.
@@ -109,39 +104,10 @@ def toml(tables: dict[str, Any]) -> str:
     -------
     str
     """
-    lines: list[str] = []
-    for name in TABLES:
-        if name in tables and "." not in name:
-            _write(lines, name, tables[name])
-    return "\n".join(lines) + "\n"
+    ordered = {name: tables[name] for name in TABLES if name in tables}
+    return toml_text(ordered, meaning=_meaning)
 
 
-def _write(lines: list[str], path: str, content: Any) -> None:
-    """A table, or several of one name; its own keys first, then the tables in it."""
-    for table in content if isinstance(content, list) else [content]:
-        lines += ["", f"[[{path}]]" if isinstance(content, list) else f"[{path}]"]
-        nested = {key: value for key, value in table.items() if _is_table(value)}
-        known = TABLES.get(path)
-        for key, value in table.items():
-            if key in nested or value is None:
-                continue
-            line = f"{key} = {_value(value)}"
-            meaning = known.model_fields[key].description if known and key in known.model_fields else None
-            lines.append(f"{line:<40}# {meaning}" if meaning and len(line) < MARGIN else line)
-        for key, value in nested.items():
-            _write(lines, f"{path}.{key}", value)
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, str):
-        # what JSON escapes TOML escapes in the same way, but for DEL, which only TOML refuses
-        return re.sub("\x7f", "\\\\u007f", json.dumps(value, ensure_ascii=False))
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_value, value)) + "]"
-    return repr(value)
+def _meaning(table: str, key: str) -> str | None:
+    known = TABLES.get(table)
+    return known.model_fields[key].description if known and key in known.model_fields else None

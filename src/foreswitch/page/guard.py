@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hmac
 import ipaddress
-import json
 from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
 from urllib.parse import parse_qs
+
+from foreswitch._helpers.json import json_text
 
 __all__ = ["Guard", "is_loopback"]
 
@@ -212,7 +213,7 @@ async def _refuse(scope: Scope, send: Send, refusal: Refused) -> None:
     if scope["type"] == "websocket":
         await send({"type": "websocket.close"})
         return
-    body = json.dumps({"error": {"message": refusal.sentence, "field": None}}).encode()
+    body = json_text({"error": {"message": refusal.sentence, "field": None}}).encode()
     headers = [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
     if refusal.status == 413:
         headers.append((b"connection", b"close"))  # the rest of the body is not wanted

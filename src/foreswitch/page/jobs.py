@@ -9,9 +9,10 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
+from foreswitch._helpers.json import json_text
 from foreswitch._helpers.mistake import Mistake, beyond
 from foreswitch.page import answers, exports, presets, records
-from foreswitch.page.wire import clean, pack, told
+from foreswitch.page.wire import pack, told
 
 __all__ = ["done", "sentence"]
 
@@ -54,11 +55,11 @@ def _done(head: dict[str, Any], body: bytes) -> tuple[dict[str, Any], bytes]:
         complaint = sentence(error)
         if kind in ANSWERS:
             return {"status": 422}, pack(mark | {"error": complaint})
-        return {"status": 422, "type": "application/json"}, json.dumps({"error": complaint}).encode()
+        return {"status": 422, "type": "application/json"}, json_text({"error": complaint}).encode()
 
 
 def _json(value: Any) -> tuple[dict[str, Any], bytes]:
-    return {"status": 200, "type": "application/json"}, json.dumps(clean(value), allow_nan=False).encode()
+    return {"status": 200, "type": "application/json"}, json_text(value).encode()
 
 
 def sentence(error: Exception) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 import tomllib
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
+from foreswitch._helpers.json import json_text
 from foreswitch._helpers.mistake import Mistake, inside, shown, within
 from foreswitch.model.reference import Samples
 from foreswitch.page.limits import LIMITS
@@ -97,7 +97,7 @@ def dropped(request: dict[str, Any]) -> dict[str, Any]:
 def _judged(tables: dict[str, Any]) -> dict[str, Any]:
     """Whether a request can hold it."""
     try:
-        size = len(json.dumps(tables))
+        size = len(json_text(tables))
     except TypeError:
         problem = "holds a date or a time, which no key of it takes"
         raise Mistake("project", None, "give numbers and texts", problem=problem, subject="the project") from None

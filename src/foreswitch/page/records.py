@@ -6,7 +6,6 @@ import contextlib
 import tempfile
 import tomllib
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import numpy as np
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.csv import read_columns, split
 from foreswitch._helpers.mistake import Mistake, shown, within
-from foreswitch._helpers.text import name_and_unit
+from foreswitch._helpers.units import without_units
 from foreswitch.identification import plots
 from foreswitch.identification.fit import Fit
 from foreswitch.identification.record import Record
@@ -118,7 +117,7 @@ def identify(content: bytes, query: dict[str, list[str]]) -> tuple[dict[str, Any
         fit = find(record, (query.get("structure") or ["auto"])[0])
     draft = tomllib.loads(draft_project(fit, "a record"))
     fields: dict[str, Any] = {
-        "fit": _told(fit),
+        "fit": without_units(fit.summary()),
         "plant": draft["plant"],
         "project": draft,
         "inputs": list(record.input_names),
@@ -132,38 +131,6 @@ def identify(content: bytes, query: dict[str, list[str]]) -> tuple[dict[str, Any
 
 def _column(name: str) -> str | int:
     return int(name) if name.isdecimal() and len(name) < 5 else name
-
-
-def _told(fit: Fit) -> dict[str, Any]:
-    return {
-        "structure": np.atleast_1d(fit.structure).tolist(),
-        "parameters": {
-            name: {"value": value, "standard_error": error, "unit": _unit(fit, name)}
-            for name, (value, error) in fit.parameters.items()
-        },
-        "fit_percent": np.ravel(fit.fit_percent),
-        "candidates": [asdict(each) for each in fit.candidates],
-        "warnings": fit.warnings,
-    }
-
-
-def _unit(fit: Fit, name: str) -> str:
-    """Of an identified parameter; nothing where it has none, or no short one."""
-    base, _, mark = name.partition("_")
-    kind = base.rstrip("0123456789")
-    if kind in ("delay", "T", "c"):
-        return "s"
-    if kind == "omega":
-        return "rad/s"
-    if kind not in ("k", "K"):
-        return ""
-    several = fit.plant.outputs > 1
-    o = int(mark[0]) - 1 if several else 0
-    j = int(mark[-1]) - 1 if fit.plant.inputs > 1 else 0
-    units = [name_and_unit(names[i])[1] for names, i in ((fit.record.output_names, o), (fit.record.input_names, j))]
-    integrators = fit.estimate.problem.structures[o].integrators
-    slope = (units[0] or "1") + ("/s" if integrators == 1 else f"/s^{integrators}" if integrators else "")
-    return "" if slope == "1" else f"{slope}/{units[1]}" if units[1] not in ("", "-", "1") else slope
 
 
 def _followed(fit: Fit) -> Array:

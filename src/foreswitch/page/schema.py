@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 import types
 import typing
 from typing import Any
 
-from foreswitch.project.tables import TABLES, Choice
+from foreswitch.project.tables import TABLES, Choice, unit_of
 
 __all__ = ["schema", "uses"]
 
@@ -19,13 +18,11 @@ def schema() -> dict[str, dict[str, Any]]:
     found = {}
     for name, table in TABLES.items():
         for key, field in table.model_fields.items():
-            text = field.description or ""
             kinds, choices = _kinds(field.annotation)
-            unit = re.search(r"\[([^\]]+)\]", text)
             required = field.is_required()
             found[f"{name}.{key}"] = {
-                "description": text,
-                "unit": unit[1] if unit else None,
+                "description": field.description or "",
+                "unit": unit_of(field),
                 "type": kinds[0] if len(kinds) == 1 else "any",
                 "types": kinds,
                 **({"choices": choices} if choices else {}),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import logging
 import os
 import secrets
@@ -23,6 +22,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
+from foreswitch._helpers.json import json_text
 from foreswitch._helpers.mistake import Mistake, shown
 from foreswitch._helpers.text import nearest
 from foreswitch.page.exports import FILES
@@ -32,7 +32,7 @@ from foreswitch.page.limits import LIMITS
 from foreswitch.page.presets import presets
 from foreswitch.page.schema import schema, uses
 from foreswitch.page.socket import Talk, busy, run_job
-from foreswitch.page.wire import clean, told
+from foreswitch.page.wire import told
 from foreswitch.page.workers import Pool
 
 __all__ = ["PORT", "application", "run"]
@@ -95,7 +95,7 @@ def _pages(project: dict[str, Any] | None) -> list[Route]:
         "version": version("foreswitch"), "project": project or examples[0]["project"], "presets": examples,
         "schema": schema(), "uses": uses(), "limits": LIMITS,
     }  # fmt: skip
-    text = json.dumps(clean(beginning), allow_nan=False, separators=(",", ":")).encode()
+    text = json_text(beginning).encode()
 
     async def static(request: Request) -> Response:
         path = found.get(request.path_params.get("path", "index.html"))

@@ -92,7 +92,7 @@ def setup(request: dict[str, Any], *, capped: bool = True) -> Setup:
     model = project.with_simulation(tables["simulation"]).with_seed(SEED)
     if delay == 0.0 and gain == 0.0:
         return Setup(tables, model, model, delay, gain, told, budget)
-    truth = _erring(tables["simulation"].get("plant") or tables["plant"], delay, gain)
+    truth = _erring(model.truth, tables["simulation"].get("plant") or tables["plant"], delay, gain)
     simulation = tables["simulation"] | {"plant": truth}
     erring = project.with_simulation(simulation).with_seed(SEED)
     return Setup(tables | {"simulation": simulation}, erring, model, delay, gain, told, budget)
@@ -100,6 +100,7 @@ def setup(request: dict[str, Any], *, capped: bool = True) -> Setup:
 
 def _design(tables: dict[str, Any]) -> tuple[Project, list[str]]:
     """The project, built or as it was built for one that differs in [simulation] only."""
+    # by its own text, in which NaN and None differ: each is a mistake of its own
     key = json.dumps({name: table for name, table in tables.items() if name != "simulation"}, sort_keys=True)
     if key not in _designs:
         with warnings.catch_warnings(record=True) as caught:
@@ -127,20 +128,17 @@ def _options(given: Any) -> tuple[float, float]:
         return delay, check.number("gain_error", given.get("gain_error", 0.0), above=-1.0)
 
 
-def _erring(plant: dict[str, Any], delay: float, gain: float) -> dict[str, Any]:
-    """[simulation.plant]: the plant with another dead time and gain; the tables have been checked."""
+def _erring(plant: Plant, table: dict[str, Any], delay: float, gain: float) -> dict[str, Any]:
+    """[simulation.plant] of a plant with these errors, in the form that its own table has."""
+    with within(None, {"delay": OPTIONS["delay_error"]}):
+        late = plant.with_errors(delay, gain).input_delay.tolist()
 
     def scaled(value: Any) -> Any:
         return [scaled(item) for item in value] if isinstance(value, list) else float(value) * (1.0 + gain)
 
-    key, given = GAINS[plant["model"]], plant.get("input_delay", 0.0)
-    late = [float(tau) + delay for tau in given] if isinstance(given, list) else float(given) + delay
-    least = min(late) if isinstance(late, list) else late
-    if least < 0.0:
-        problem = f"is {delay:g}, which leaves less than no dead time"
-        key = OPTIONS["delay_error"]
-        raise Mistake("delay_error", delay, f"give at least {delay - least:g}", problem=problem, key=key)
-    return plant | {key: scaled(plant[key]), "input_delay": late}
+    key = GAINS[table["model"]]
+    several = isinstance(table.get("input_delay"), list)
+    return table | {key: scaled(table[key]), "input_delay": late if several else late[0]}
 
 
 # Bounds ---------------------------------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from foreswitch._helpers.json import json_text
 from foreswitch._helpers.mistake import Mistake
 from foreswitch.page.limits import LONGEST_JOB
 from foreswitch.page.wire import pack, told
@@ -57,7 +58,7 @@ async def run_job(pool: Pool, choose: Callable[[], tuple[dict[str, Any], bytes]]
         mistake = Mistake("request", kind, REMEDIES[kind], problem=problem, subject="this")
     if head["kind"] in KINDS:
         return {"status": 422}, pack({"id": head["id"], "kind": head["kind"], "error": told(mistake)})
-    return {"status": 422, "type": "application/json"}, json.dumps({"error": told(mistake)}).encode()
+    return {"status": 422, "type": "application/json"}, json_text({"error": told(mistake)}).encode()
 
 
 def busy() -> Mistake:

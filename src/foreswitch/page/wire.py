@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from foreswitch._helpers.check import Array
+from foreswitch._helpers.json import json_text
 from foreswitch._helpers.mistake import Mistake, shortened
 from foreswitch.page.limits import LIMITS
 
-__all__ = ["clean", "frame", "pack", "told", "unpack"]
+__all__ = ["frame", "pack", "told", "unpack"]
 
 
 def pack(header: dict[str, Any], arrays: dict[str, Array] | None = None) -> bytes:
@@ -25,7 +26,7 @@ def pack(header: dict[str, Any], arrays: dict[str, Array] | None = None) -> byte
         places[name] = [offset, list(np.shape(values))]
         parts.append(single.tobytes())
         offset += single.size
-    text = json.dumps(clean(header | ({"arrays": places} if places else {})), allow_nan=False).encode()
+    text = json_text(header | ({"arrays": places} if places else {})).encode()
     text += b" " * (-len(text) % 4)
     return b"".join([struct.pack("<I", len(text)), text, *parts])
 
@@ -42,22 +43,9 @@ def unpack(message: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
     return header, arrays
 
 
-def clean(value: Any) -> Any:
-    """As JSON can hold it: arrays as lists, what is not finite as null."""
-    if isinstance(value, dict):
-        return {str(key): clean(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [clean(item) for item in value]
-    if isinstance(value, np.ndarray):
-        return clean(value.tolist())
-    if isinstance(value, np.generic):
-        return clean(value.item())
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 def frame(head: dict[str, Any], body: bytes = b"") -> bytes:
     """Header and body under their lengths, as a worker reads and writes them."""
-    text = json.dumps(head).encode()
+    text = json_text(head).encode()
     return b"".join([struct.pack("<II", len(text), len(body)), text, body])
 
 

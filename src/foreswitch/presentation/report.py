@@ -88,9 +88,11 @@ class Report:
 def _saved(figure: Figure, kind: str) -> bytes:
     """The same bytes each time: no date, no random identifiers."""
     import matplotlib as mpl
+    import numpy as np
 
     buffer = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "foreswitch"}):
+    # where a loop ran away, ticks lie beyond what a number can hold
+    with mpl.rc_context({"svg.hashsalt": "foreswitch"}), np.errstate(over="ignore", invalid="ignore"):
         figure.savefig(buffer, format=kind, dpi=150, metadata={"Date": None} if kind == "svg" else {"Software": None})
     return buffer.getvalue()
 

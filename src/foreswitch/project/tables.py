@@ -9,9 +9,11 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field
+from pydantic.fields import FieldInfo
 
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.mistake import Mistake, shown, within
+from foreswitch._helpers.units import described
 from foreswitch.control.objective import Endpoint, Horizon
 from foreswitch.model.hardware import Hardware, Stuck
 from foreswitch.model.plant import Plant
@@ -33,11 +35,23 @@ __all__ = [
     "SimulationTable",
     "Table",
     "Valve",
+    "unit_of",
 ]
 
 Vector = list[float]
 Matrix = list[list[float]]
-Key = Field  # one line per key: default, then what it means
+
+
+def Key(default: Any = ..., *, means: str, unit: str | None = None, note: str = "") -> Any:
+    """A key of a table, in one line: its default, what it means, in which unit, and what there is to say besides."""
+    return Field(default, description=described(means, unit, note), json_schema_extra={"unit": unit})
+
+
+def unit_of(field: FieldInfo) -> str | None:
+    """The unit that a key was declared with."""
+    extra = field.json_schema_extra
+    unit = extra.get("unit") if isinstance(extra, dict) else None
+    return unit if isinstance(unit, str) else None
 
 
 class Table(BaseModel):
@@ -98,23 +112,23 @@ class PlantTable(Choice):
     ALWAYS = ("C", "E", "input_delay", "u_offset", "y_offset", "input_names", "output_names")
 
     model: Literal["integrator_lag", "fopdt", "transfer_function", "state_space"] = Key(
-        description="form of the plant; decides which of the next keys are needed"
+        means="form of the plant; decides which of the next keys are needed"
     )
-    k: float | None = Key(None, description="integrator_lag: slope of y at full input [unit of y / s]")
-    c: float | None = Key(None, description="integrator_lag: lag [s]")
-    K: float | None = Key(None, description="fopdt: gain [unit of y]")
-    T: float | None = Key(None, description="fopdt: time constant [s]")
-    num: Vector | None = Key(None, description="transfer_function: numerator, descending powers of s")
-    den: Vector | None = Key(None, description="transfer_function: denominator, descending powers of s")
-    A: Matrix | None = Key(None, description="state_space: state matrix [1/s]")
-    B: Matrix | None = Key(None, description="state_space: input matrix")
-    C: Matrix | None = Key(None, description="output matrix; default the first state")
-    E: Matrix | None = Key(None, description="entry of the measured disturbance; default none")
-    input_delay: float | Vector = Key(0.0, description="dead time [s], one for all inputs or one each")
-    u_offset: float | Vector | None = Key(None, description="operating point of the input(s)")
-    y_offset: float | Vector | None = Key(None, description="operating point of the output(s)")
-    input_names: list[str] | None = Key(None, description='names, with their unit: "valve [-]"')
-    output_names: list[str] | None = Key(None, description='names, with their unit: "pressure [kPa]"')
+    k: float | None = Key(None, means="integrator_lag: slope of y at full input", unit="unit of y / s")
+    c: float | None = Key(None, means="integrator_lag: lag", unit="s")
+    K: float | None = Key(None, means="fopdt: gain", unit="unit of y")
+    T: float | None = Key(None, means="fopdt: time constant", unit="s")
+    num: Vector | None = Key(None, means="transfer_function: numerator, descending powers of s")
+    den: Vector | None = Key(None, means="transfer_function: denominator, descending powers of s")
+    A: Matrix | None = Key(None, means="state_space: state matrix", unit="1/s")
+    B: Matrix | None = Key(None, means="state_space: input matrix")
+    C: Matrix | None = Key(None, means="output matrix; default the first state")
+    E: Matrix | None = Key(None, means="entry of the measured disturbance; default none")
+    input_delay: float | Vector = Key(0.0, means="dead time", unit="s", note=", one for all inputs or one each")
+    u_offset: float | Vector | None = Key(None, means="operating point of the input(s)")
+    y_offset: float | Vector | None = Key(None, means="operating point of the output(s)")
+    input_names: list[str] | None = Key(None, means='names, with their unit: "valve [-]"')
+    output_names: list[str] | None = Key(None, means='names, with their unit: "pressure [kPa]"')
 
     def build(self, table: str = "plant") -> Plant:
         """The plant."""
@@ -131,13 +145,13 @@ class PlantTable(Choice):
 class ActuatorTable(Table):
     """[actuator]"""
 
-    levels: Vector | Matrix = Key(description="what each input can do, ascending; a list of lists for several inputs")
-    Ts: float = Key(description="switching period [s]")
-    min_on: float | Vector = Key(0.0, description="shortest time at a level other than the safe one [s]")
-    min_off: float | Vector = Key(0.0, description="shortest time at the safe level [s]")
-    switch_cost: float | Vector = Key(0.0, description="added to the cost of a command for each input it changes")
-    forbidden: list[float | Vector] = Key([], description="combinations of levels that must never be commanded")
-    safe_level: float | Vector | None = Key(None, description="commanded after bad_limit bad samples; default never")
+    levels: Vector | Matrix = Key(means="what each input can do, ascending; a list of lists for several inputs")
+    Ts: float = Key(means="switching period", unit="s")
+    min_on: float | Vector = Key(0.0, means="shortest time at a level other than the safe one", unit="s")
+    min_off: float | Vector = Key(0.0, means="shortest time at the safe level", unit="s")
+    switch_cost: float | Vector = Key(0.0, means="added to the cost of a command for each input it changes")
+    forbidden: list[float | Vector] = Key([], means="combinations of levels that must never be commanded")
+    safe_level: float | Vector | None = Key(None, means="commanded after bad_limit bad samples; default never")
 
 
 class ControllerTable(Choice):
@@ -155,41 +169,40 @@ class ControllerTable(Choice):
 
     objective: Literal["endpoint", "horizon"] = Key(
         "endpoint",
-        description="land at one instant, or follow over many periods; decides which of the next keys are used",
+        means="land at one instant, or follow over many periods; decides which of the next keys are used",
     )
-    Td: float | None = Key(None, description="endpoint: settling horizon after the dead time [s], at least Ts")
-    steps: int | None = Key(None, description="horizon: periods looked at beyond the dead time, 1 to 64")
+    Td: float | None = Key(None, means="endpoint: settling horizon after the dead time", unit="s", note=", at least Ts")
+    steps: int | None = Key(None, means="horizon: periods looked at beyond the dead time, 1 to 64")
     lam: float | Vector | None = Key(
         None,
-        description="bandwidth of the sliding variable [rad/s], one for all outputs or one each; horizon: default none, "
-        "the error itself is weighed",
+        means="bandwidth of the sliding variable",
+        unit="rad/s",
+        note=", one for all outputs or one each; horizon: default none, the error itself is weighed",
     )
     move_weight: float | Vector | None = Key(
-        None, description="horizon: price of an input's move, times its square; default 0"
+        None, means="horizon: price of an input's move, times its square; default 0"
     )
-    window: list[int] | None = Key(
-        None, description="horizon: first and last period evaluated; default all, [1, steps]"
-    )
-    moves: int | None = Key(None, description="horizon: periods in which the commands are free; default all")
+    window: list[int] | None = Key(None, means="horizon: first and last period evaluated; default all, [1, steps]")
+    moves: int | None = Key(None, means="horizon: periods in which the commands are free; default all")
     tail: Literal["rest", "zero", "hold"] | None = Key(
         None,
-        description='input after the candidate or the moves; endpoint: default "rest", and no "hold"; horizon: default '
+        means='input after the candidate or the moves; endpoint: default "rest", and no "hold"; horizon: default '
         '"hold", the last move',
     )
     terminal: Literal["riccati"] | Matrix | None = Key(
-        None, description="horizon: cost of ending away from rest, or its matrix [x, squared]; default none"
+        None, means="horizon: cost of ending away from rest, or its matrix [x, squared]; default none"
     )
     node_budget: int | None = Key(
-        None, description="horizon: partial sequences after which the best so far is taken; default no limit"
+        None, means="horizon: partial sequences after which the best so far is taken; default no limit"
     )
-    weight: float | Vector = Key(1.0, description="weight of each output")
-    relative_degree: int | list[int] | None = Key(None, description="of each output; default found numerically")
+    weight: float | Vector = Key(1.0, means="weight of each output")
+    relative_degree: int | list[int] | None = Key(None, means="of each output; default found numerically")
     preview: bool | Literal["lag"] | float = Key(
         False,
-        description='reference sampled: false now, true at the instants evaluated, "lag" (endpoint), or seconds ahead',
+        means='reference sampled: false now, true at the instants evaluated, "lag" (endpoint), or seconds ahead',
     )
-    bad_limit: int = Key(10, description="bad measurements in a row that force the safe level")
-    real: Literal["float64", "float32"] = Key("float64", description="arithmetic of the core")
+    bad_limit: int = Key(10, means="bad measurements in a row that force the safe level")
+    real: Literal["float64", "float32"] = Key("float64", means="arithmetic of the core")
 
     def build(self) -> Endpoint | Horizon:
         """The objective."""
@@ -201,16 +214,16 @@ class EstimatorTable(Table):
     """[estimator]"""
 
     process_noise: float | Vector | Matrix = Key(
-        description="variance that each state gathers in one period, or the covariance matrix [unit of x, squared]"
+        means="variance that each state gathers in one period, or the covariance matrix", unit="unit of x, squared"
     )
     measurement_noise: float | Vector | Matrix = Key(
-        description="variance of each measured output, or the covariance matrix [unit of y, squared]"
+        means="variance of each measured output, or the covariance matrix", unit="unit of y, squared"
     )
     load: float | Vector | None = Key(
-        None, description="variance that an unknown constant input gathers in one period, 0 for none; default none"
+        None, means="variance that an unknown constant input gathers in one period, 0 for none; default none"
     )
-    gate: float = Key(6.0, description="innovations beyond so many standard deviations are outliers; 0: none are")
-    gate_limit: int = Key(3, description="outliers in a row that are not used")
+    gate: float = Key(6.0, means="innovations beyond so many standard deviations are outliers; 0: none are")
+    gate_limit: int = Key(3, means="outliers in a row that are not used")
 
 
 class ReferenceTable(Choice):
@@ -229,24 +242,22 @@ class ReferenceTable(Choice):
     ARGUMENTS = {"t": "times", "y": "values", "path": "file"}
 
     kind: Literal["constant", "half_sine", "sine", "ramp", "steps", "samples", "points"] = Key(
-        description="decides which of the next keys are used"
+        means="decides which of the next keys are used"
     )
-    value: float | str | None = Key(None, description="constant: value; samples: name of the value column")
-    height: float | None = Key(None, description="half_sine: rise from trough to crest [unit of y]")
-    duration: float | None = Key(None, description="half_sine: length of the half period [s]")
-    amplitude: float | None = Key(None, description="sine: amplitude [unit of y]")
-    frequency: float | None = Key(None, description="sine: frequency [Hz]")
-    phase: float | None = Key(None, description="sine: phase [rad]")
-    slope: float | None = Key(None, description="ramp: slope [unit of y / s]")
-    start: float | None = Key(None, description="half_sine, ramp: when it begins [s]")
-    offset: float | None = Key(None, description="half_sine, sine, ramp: added to all values [unit of y]")
-    times: Vector | None = Key(None, description="steps: when each value begins [s]; points: the instants [s]")
-    values: Vector | None = Key(None, description="steps, points: the values [unit of y]")
-    file: str | None = Key(None, description="samples: CSV file with a header row, relative to the project file")
-    time: str | None = Key(None, description="samples: name of the time column; default the first")
-    between: Literal["pchip", "linear", "hold"] | None = Key(
-        None, description="samples, points: the curve between them"
-    )
+    value: float | str | None = Key(None, means="constant: value; samples: name of the value column")
+    height: float | None = Key(None, means="half_sine: rise from trough to crest", unit="unit of y")
+    duration: float | None = Key(None, means="half_sine: length of the half period", unit="s")
+    amplitude: float | None = Key(None, means="sine: amplitude", unit="unit of y")
+    frequency: float | None = Key(None, means="sine: frequency", unit="Hz")
+    phase: float | None = Key(None, means="sine: phase", unit="rad")
+    slope: float | None = Key(None, means="ramp: slope", unit="unit of y / s")
+    start: float | None = Key(None, means="half_sine, ramp: when it begins", unit="s")
+    offset: float | None = Key(None, means="half_sine, sine, ramp: added to all values", unit="unit of y")
+    times: Vector | None = Key(None, means="steps: when each value begins", unit="s", note="; points: the instants [s]")
+    values: Vector | None = Key(None, means="steps, points: the values", unit="unit of y")
+    file: str | None = Key(None, means="samples: CSV file with a header row, relative to the project file")
+    time: str | None = Key(None, means="samples: name of the time column; default the first")
+    between: Literal["pchip", "linear", "hold"] | None = Key(None, means="samples, points: the curve between them")
 
     def build(self, folder: Path | None, table: str = "reference") -> Reference:
         """The reference of one output, or the course of one disturbance."""
@@ -275,11 +286,11 @@ class ReferenceTable(Choice):
 class Valve(Table):
     """A measured disturbance that opens on demand."""
 
-    gain: float = Key(description="w per unit of y - yd (first output)")
-    low: float = Key(0.0, description="smallest w")
-    high: float = Key(description="largest w")
-    deadband: float = Key(0.0, description="y - yd up to which it stays shut")
-    feedforward: float = Key(0.0, description="share of the reference's fall -yd' that is added")
+    gain: float = Key(means="w per unit of y - yd (first output)")
+    low: float = Key(0.0, means="smallest w")
+    high: float = Key(means="largest w")
+    deadband: float = Key(0.0, means="y - yd up to which it stays shut")
+    feedforward: float = Key(0.0, means="share of the reference's fall -yd' that is added")
 
     def law(self, reference: Callable[..., ArrayLike], truth: Plant) -> Callable[[float, Array], Array]:
         """``(t, x) -> w`` for `foreswitch.simulate`."""
@@ -296,26 +307,26 @@ class Valve(Table):
 class StuckTable(Table):
     """[[simulation.hardware.stuck]]"""
 
-    level: float = Key(description="where the actuator stays")
-    start: float = Key(0.0, description="from when [s]")
-    end: float | None = Key(None, description="until when [s]; default the end of the run")
-    input: int = Key(0, description="which input, from 0")
+    level: float = Key(means="where the actuator stays")
+    start: float = Key(0.0, means="from when", unit="s")
+    end: float | None = Key(None, means="until when", unit="s", note="; default the end of the run")
+    input: int = Key(0, means="which input, from 0")
 
 
 class HardwareTable(Table):
     """[simulation.hardware]"""
 
-    opening: float | Vector = Key(0.0, description="travel time of a rising edge, after the dead time [s]")
-    closing: float | Vector = Key(0.0, description="travel time of a falling edge [s]")
-    quantum: float | Vector = Key(0.0, description="step of the sensor; 0 for none")
-    low: float | Vector | None = Key(None, description="lower end of the sensor's range")
-    high: float | Vector | None = Key(None, description="upper end of the sensor's range")
-    process_noise: float | Vector = Key(0.0, description="deviation gathered by each state in 1 s [x / sqrt(s)]")
-    missing: float = Key(0.0, description="share of samples that are lost")
-    late: float = Key(0.0, description="longest time a sample is under way [s]")
-    outages: list[Vector] = Key([], description="times without any sample, as [start, end] [s]")
-    stuck: list[StuckTable] = Key([], description="actuators that stay at one level for a while")
-    drift: PlantTable | None = Key(None, description="the truth at the end of the run; keys as in [plant]")
+    opening: float | Vector = Key(0.0, means="travel time of a rising edge, after the dead time", unit="s")
+    closing: float | Vector = Key(0.0, means="travel time of a falling edge", unit="s")
+    quantum: float | Vector = Key(0.0, means="step of the sensor; 0 for none")
+    low: float | Vector | None = Key(None, means="lower end of the sensor's range")
+    high: float | Vector | None = Key(None, means="upper end of the sensor's range")
+    process_noise: float | Vector = Key(0.0, means="deviation gathered by each state in 1 s", unit="x / sqrt(s)")
+    missing: float = Key(0.0, means="share of samples that are lost")
+    late: float = Key(0.0, means="longest time a sample is under way", unit="s")
+    outages: list[Vector] = Key([], means="times without any sample, as [start, end]", unit="s")
+    stuck: list[StuckTable] = Key([], means="actuators that stay at one level for a while")
+    drift: PlantTable | None = Key(None, means="the truth at the end of the run; keys as in [plant]")
 
     def build(self, table: str = "simulation.hardware") -> Hardware:
         """The hardware."""
@@ -333,20 +344,20 @@ class HardwareTable(Table):
 class SimulationTable(Table):
     """[simulation]"""
 
-    duration: float = Key(description="length of the run [s]")
-    x0: Vector | None = Key(None, description="initial state; default zero")
+    duration: float = Key(means="length of the run", unit="s")
+    x0: Vector | None = Key(None, means="initial state; default zero")
     noise: float | Vector | None = Key(
-        None, description="standard deviation of the measured states, with an [estimator] of the outputs"
+        None, means="standard deviation of the measured states, with an [estimator] of the outputs"
     )
-    seed: int | None = Key(None, description="of the noise; without one, each run differs")
+    seed: int | None = Key(None, means="of the noise; without one, each run differs")
     disturbance: float | Vector | Valve | list[ReferenceTable] | None = Key(
         None,
-        description="measured w: constant; or a table: a valve that opens with gain * (y - yd); or a list of tables, one "
+        means="measured w: constant; or a table: a valve that opens with gain * (y - yd); or a list of tables, one "
         "for each, with the keys of [reference]",
     )
-    load: float | Vector | None = Key(None, description="unmeasured, added to the input(s)")
-    plant: PlantTable | None = Key(None, description="the truth, where it differs from the model; keys as in [plant]")
-    hardware: HardwareTable | None = Key(None, description="what real actuators and sensors add; a table")
+    load: float | Vector | None = Key(None, means="unmeasured, added to the input(s)")
+    plant: PlantTable | None = Key(None, means="the truth, where it differs from the model; keys as in [plant]")
+    hardware: HardwareTable | None = Key(None, means="what real actuators and sensors add; a table")
 
 
 class File(Table):

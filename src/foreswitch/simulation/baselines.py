@@ -19,6 +19,7 @@ from foreswitch._binding import CORES
 from foreswitch._helpers import check
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.mistake import Mistake
+from foreswitch._helpers.text import tree
 from foreswitch.control.actuator import dwell_periods, input_levels, level_indices, safe_indices
 from foreswitch.control.decision import canonical_reference
 from foreswitch.model.nonlinear import SteppedPlant
@@ -28,7 +29,7 @@ from foreswitch.simulation.bodies import core_plant
 from foreswitch.simulation.loop import simulate
 from foreswitch.simulation.run import Run
 
-__all__ = ["PIPWM", "Baseline", "Relay", "SmithPWM", "Tuned", "tune"]
+__all__ = ["BASELINES", "PIPWM", "Baseline", "Known", "Relay", "SmithPWM", "Tuned", "tune"]
 
 
 #: Of all kinds, besides the carrier.
@@ -158,6 +159,10 @@ class Baseline(ABC):
         twin.core = self._new_core()
         return twin
 
+    def __repr__(self) -> str:
+        own = {name: value for name, value in vars(self).items() if isinstance(value, float) and name[0] != "_"}
+        return tree(type(self).__name__, [f"{name:<11}{value:.6g}" for name, value in own.items()])
+
     @property
     def safe_levels(self) -> Array:
         """The level in which each input counts as off, shape (m,)."""
@@ -274,6 +279,24 @@ class SmithPWM(PIPWM):
             problem = f"has the unstable pole {pole:.3g}"
             raise Mistake("plant", plant, "a Smith predictor needs a plant without one", problem=problem)
         super().__init__(plant, levels, Ts, **options)
+
+
+@dataclass(frozen=True)
+class Known:
+    """A kind of baseline: its class, what tables and reports call it, and the parameter that trades error for switching."""
+
+    law: type[Baseline]
+    label: str
+    title: str
+    knob: str
+
+
+#: Every kind, under the name that a program asks for.
+BASELINES = {
+    "relay": Known(Relay, "relay", "relay with hysteresis", "hysteresis"),
+    "pi_pwm": Known(PIPWM, "PI + PWM", "PI + PWM", "carrier"),
+    "smith_pwm": Known(SmithPWM, "Smith + PWM", "Smith predictor + PWM", "carrier"),
+}
 
 
 @dataclass(frozen=True)

@@ -269,8 +269,11 @@ class Loop:
                 go(law.core, body, self.sensor, seed, steps, history, tables, k, k + 1)
         else:
             go(law.core, body, self.sensor, seed, steps, history, tables, 0, steps)
-        hats = (None, None) if hat is None else (hat[:, :model], hat[:, model:])
-        return Run(self.t, x, y, u[history:], self.wanted, w, cost, nodes, status, self.truth, self.safe, *hats)
+        estimates: tuple[Array | None, Array | None] = (None, None) if hat is None else (hat[:, :model], hat[:, model:])
+        return Run(
+            self.t, x, y, u[history:], self.wanted, w, cost, nodes, status, self.truth, self.safe, *estimates,
+            self.controller.copy(),
+        )  # fmt: skip
 
 
 def checked_seed(seed: int | None, name: str = "seed") -> int:

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from foreswitch.control.controller import Controller
 from foreswitch.control.decision import Status
-from foreswitch.control.objective import Horizon
+from foreswitch.control.objective import Endpoint, Horizon
 from foreswitch.presentation import plots
 from foreswitch.presentation.report import Picture, Report, Section, Table, number
-from foreswitch.simulation.baselines import Tuned
-from foreswitch.simulation.run import Run
 
-__all__ = ["metric_table", "run_report", "search_figures", "search_table", "status_table", "tuning_table"]
+if TYPE_CHECKING:
+    from foreswitch.simulation.baselines import Tuned
+    from foreswitch.simulation.run import Run
+
+__all__ = [
+    "metric_table",
+    "run_report",
+    "search_figures",
+    "search_table",
+    "searches",
+    "status_counts",
+    "status_table",
+    "tuning_table",
+]
 
 
 def metric_table(runs: dict[str, Run], unit: str = "") -> Table:
@@ -51,32 +63,42 @@ def tuning_table(tuned: dict[str, Tuned], caption: str) -> Table:
     return Table(["", "best parameters found", "runs"], rows, caption)
 
 
+def status_counts(run: Run) -> dict[str, int]:
+    """How often each status came up, where it did."""
+    counts = {status.name: int((run.status == status).sum()) for status in Status}
+    return {name: count for name, count in counts.items() if count}
+
+
 def status_table(run: Run) -> Table:
     """How often each status came up, and what to do about it."""
-    counts = [(status, int((run.status == status).sum())) for status in Status]
-    rows = [[status.name, str(count), status.remedy] for status, count in counts if count]
+    rows = [[name, str(count), Status[name].remedy] for name, count in status_counts(run).items()]
     return Table(["status", "periods", "meaning"], rows)
 
 
-def search_figures(run: Run, controller: Any) -> dict[str, float]:
+def searches(run: Run) -> bool:
+    """Whether the law of a run compares candidates."""
+    return isinstance(run.controller, Controller)
+
+
+def search_figures(run: Run) -> dict[str, float]:
     """Median and largest number of nodes per step, and the share of steps proven optimal [%]."""
     nodes = run.nodes[run.nodes > 0]  # none where there was no measurement yet
     if not nodes.size:
         return {"nodes_median": 0.0, "nodes_max": 0.0, "optimal_percent": 0.0}
-    budget = getattr(controller.objective, "node_budget", None)
+    budget = getattr(_objective(run), "node_budget", None)
     proven = 1.0 if budget is None else float(np.mean(nodes < budget))
     return {
         "nodes_median": float(np.median(nodes)), "nodes_max": float(nodes.max()), "optimal_percent": 100.0 * proven,
     }  # fmt: skip
 
 
-def search_table(runs: dict[str, tuple[Run, Any]]) -> Table:
+def search_table(runs: dict[str, Run]) -> Table:
     """How much each predictive law had to search."""
     rows = []
-    for name, (run, controller) in runs.items():
-        found, objective = search_figures(run, controller), controller.objective
+    for name, run in runs.items():
+        found, objective, law = search_figures(run), _objective(run), run.controller
         moves = (objective.moves or objective.steps) if isinstance(objective, Horizon) else 1
-        candidates = len(controller.actuator.candidates)
+        candidates = len(law.actuator.candidates) if isinstance(law, Controller) else 0
         rows.append([
             name, f"{candidates}^{moves}" if moves > 1 else str(candidates),
             f"{found['nodes_median']:.0f}", f"{found['nodes_max']:.0f}", f"{found['optimal_percent']:.4g}",
@@ -84,18 +106,23 @@ def search_table(runs: dict[str, tuple[Run, Any]]) -> Table:
     return Table(["", "sequences", "nodes, median", "nodes, largest", "steps proven optimal [%]"], rows)
 
 
-def run_report(name: str, run: Run, controller: Any) -> Report:
+def _objective(run: Run) -> Endpoint | Horizon | None:
+    return run.controller.objective if isinstance(run.controller, Controller) else None
+
+
+def run_report(name: str, run: Run) -> Report:
     """One run: picture, figures, statuses and the controller's own summary."""
-    searched = isinstance(controller.objective, Horizon)
+    searched = isinstance(_objective(run), Horizon)
+    law = [] if run.controller is None else [Section("Controller", code=repr(run.controller))]
     sections = [
         Section(
             "Run",
             pictures=[Picture("run", run.plot(), "Output over its reference; commands as they are issued.")],
             tables=[metric_table({"this run": run})],
         ),
-        *([Section("Search", tables=[search_table({"this run": (run, controller)})])] if searched else []),
+        *([Section("Search", tables=[search_table({"this run": run})])] if searched else []),
         Section("Status", tables=[status_table(run)]),
-        Section("Controller", code=repr(controller)),
+        *law,
         Section("Plant", code=repr(run.plant)),
     ]
     lead = f"Closed loop over {plots.duration_text(float(run.t[-1]))}, {run.u.shape[0]} decisions."

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,16 +14,27 @@ from foreswitch._binding import CORES
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.csv import write_columns
 from foreswitch._helpers.files import write_whole
+from foreswitch._helpers.json import json_text, plain_data
 from foreswitch._helpers.text import tree
+from foreswitch._helpers.units import described, unit_of_names
 from foreswitch.model.nonlinear import SteppedPlant
 from foreswitch.model.plant import Plant
 from foreswitch.presentation import plots
+from foreswitch.simulation import report
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = ["Run", "figures", "listed", "plain"]
+    from foreswitch.presentation.report import Report
+    from foreswitch.simulation.loop import Law
+
+__all__ = ["FIGURES", "Run", "figures", "plain"]
+
+#: Figures of merit and their units; None: that of the outputs.
+FIGURES = {
+    "rms_error": None, "max_error": None, "lag": "s", "rms_error_at_lag": None, "switches": "", "on_time": "s",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -51,6 +61,8 @@ class Run:
         The level at which each input counts as off.
     x_hat, load_hat : ndarray, shape (K, n_model) and (K, l), or None
         The estimator's state and loads, on which the command of that row is based; NaN before the first measurement.
+    controller : Controller or a baseline, or None
+        The law that chose the commands, as it was at the start.
     """
 
     t: Array
@@ -66,6 +78,7 @@ class Run:
     safe_level: Array
     x_hat: Array | None = None
     load_hat: Array | None = None
+    controller: Law | None = None
 
     @property
     def Ts(self) -> float:
@@ -94,8 +107,8 @@ class Run:
             from the safe level. Floats for one output or input, else arrays.
         """
         rms, largest, switches, on = figures(self.y, self.r, self.u, self.safe_level)
-        lags, rms_at_lag = zip(*(_lag(self.t, y, r) for y, r in zip(self.y.T, self.r.T, strict=True)), strict=True)
-
+        with np.errstate(over="ignore", invalid="ignore"):  # a loop that runs away has no figures
+            lags, rms_at_lag = zip(*(_lag(self.t, y, r) for y, r in zip(self.y.T, self.r.T, strict=True)), strict=True)
         return {
             "rms_error": plain(rms),
             "max_error": plain(largest),
@@ -104,6 +117,31 @@ class Run:
             "switches": plain(switches.astype(np.int64)),
             "on_time": plain(on * self.Ts),
         }
+
+    def summary(self) -> dict[str, Any]:
+        """The run as plain data: what it was, `metrics`, how often each status came up, how much was searched.
+
+        Returns
+        -------
+        dict
+            Numbers, lists, words and None, which stands for what is not finite; keys say their units, as in
+            ``"lag [s]"``.
+        """
+        error = unit_of_names(self.plant.output_names)
+        found: dict[str, Any] = {
+            "Ts [s]": self.Ts,
+            "periods": len(self.u),
+            "outputs": self.plant.output_names,
+            "inputs": self.plant.input_names,
+        }
+        for name, value in self.metrics().items():
+            unit = FIGURES[name]
+            found[described(name, error if unit is None else unit)] = value
+        found["status"] = report.status_counts(self)
+        if report.searches(self):
+            found["search"] = report.search_figures(self)
+        plain: dict[str, Any] = plain_data(found)
+        return plain
 
     def columns(self) -> dict[str, Array]:
         """Time, reference, output, command, state, estimates, cost, status by name; the last row repeats the last command.
@@ -166,13 +204,13 @@ class Run:
         write_whole(path, buffer.getvalue())
 
     def to_json(self, path: str | Path) -> None:
-        """Write `metrics` as JSON, whole or not at all.
+        """Write `metrics` as JSON, whole or not at all; null for what is not finite.
 
         Parameters
         ----------
         path : path
         """
-        write_whole(path, json.dumps(listed(self.metrics()), indent=2) + "\n")
+        write_whole(path, json_text(self.metrics(), indent=2))
 
     def to_csv(self, path: str | Path) -> None:
         """Write `columns` as CSV, whole or not at all.
@@ -199,10 +237,19 @@ class Run:
             self.t, self.y, self.r, self.u, self.plant.output_names, self.plant.input_names, **options
         )
 
+    def report(self, name: str) -> Report:
+        """Picture, figures of merit, statuses, the law and the plant, to be written as a page.
 
-def listed(metrics: dict[str, Any]) -> dict[str, Any]:
-    """Arrays as lists, for JSON."""
-    return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in metrics.items()}
+        Parameters
+        ----------
+        name : str
+            Its heading.
+
+        Returns
+        -------
+        Report
+        """
+        return report.run_report(name, self)
 
 
 def plain(values: ArrayLike) -> Any:

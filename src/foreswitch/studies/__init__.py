@@ -4,5 +4,6 @@ In: a project and what is varied. Out: a `Study`, a table of figures of merit; a
 from a fit.
 
 Rooms, in the order of the data: `distributions` (what is drawn), `plan` (which runs), `workers` (where they run), `store`
-(what an interruption leaves), `result` (the table), `sweep`; `comparison`, `draft`; `plots`.
+(what an interruption leaves), `plots`, `pictures`, `report` (how it looks), `result` (the table), `sweep`; `comparison`,
+`draft`.
 """

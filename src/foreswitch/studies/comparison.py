@@ -5,10 +5,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from foreswitch._helpers.json import plain_data
+from foreswitch._helpers.units import described, unit_of_names
 from foreswitch.control.controller import Controller
 from foreswitch.control.objective import Endpoint, Horizon
 from foreswitch.model.prediction import sliding, transition
@@ -19,6 +21,9 @@ from foreswitch.simulation import baselines
 from foreswitch.simulation.loop import Law
 from foreswitch.simulation.report import metric_table, search_table, tuning_table
 from foreswitch.simulation.run import Run
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["Comparison", "compare"]
 
@@ -40,11 +45,7 @@ COLOURS = {
     "relay": "#009E73", "PI + PWM": "#CC79A7", "Smith + PWM": "#777777",
 }  # fmt: skip
 
-KINDS: dict[str, tuple[type[baselines.Baseline], str]] = {
-    "relay": (baselines.Relay, "hysteresis"),
-    "PI + PWM": (baselines.PIPWM, "carrier"),
-    "Smith + PWM": (baselines.SmithPWM, "carrier"),
-}
+KINDS = {known.label: (known.law, known.knob) for known in baselines.BASELINES.values()}
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,36 @@ class Comparison:
         ]
         return Table([*plain.heads[:-1], "switches / s", "time on [%]"], rows)
 
+    def searches(self) -> Table:
+        """How much each predictive law had to search.
+
+        Returns
+        -------
+        Table
+        """
+        return search_table({law: self.runs[law] for law in self.laws})
+
+    def summary(self) -> dict[str, Any]:
+        """Every law as plain data: its run, the curve that trades error for switching, the parameters that were found.
+
+        Returns
+        -------
+        dict
+            By law: numbers, lists, words and None, which stands for what is not finite; keys say their units. Of a law
+            that does not fit, why it is left out.
+        """
+        error = described("rms_error", unit_of_names(next(iter(self.runs.values())).plant.output_names))
+        found: dict[str, Any] = {}
+        for law, run in self.runs.items():
+            curve = [
+                {"parameter": value, error: total_rms(each), "switching_rate [1/s]": switching_rate(each)}
+                for value, each in self.curves[law]
+            ]
+            found[law] = run.summary() | {"curve": plain_data(curve)}
+        for law, best in self.tuned.items():
+            found[law] |= plain_data({"parameters": best.parameters, "evaluations": best.evaluations})
+        return found | {law: {"left_out": why} for law, why in self.skipped.items()}
+
     def report(self, name: str) -> Report:
         """Table and pictures.
 
@@ -115,13 +146,9 @@ class Comparison:
                 [
                     self.table(),
                     tuning_table(self.tuned, caption),
-                    search_table({law: (self.runs[law], controller) for law, controller in self.laws.items()}),
+                    self.searches(),
                 ],
-                [
-                    Picture(
-                        "compare", self.figure(), "rms error against switching rate; large markers: as in the table."
-                    )
-                ],
+                [Picture("compare", self.plot(), "rms error against switching rate; large markers: as in the table.")],
             ),
             Section(
                 "Traces", pictures=[Picture("traces", self.traces(), "Error of each law over time, first output.")]
@@ -129,7 +156,7 @@ class Comparison:
         ]
         return Report(f"{name}: laws compared", "The same plant, reference, noise and faults for all.", sections)
 
-    def figure(self) -> Any:
+    def plot(self) -> Figure:
         """Error against switching rate.
 
         Returns
@@ -154,7 +181,7 @@ class Comparison:
         axes.legend(fontsize=8, frameon=False)
         return figure
 
-    def traces(self) -> Any:
+    def traces(self) -> Figure:
         """Error of each law over time.
 
         Returns

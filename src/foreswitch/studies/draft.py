@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 from typing import Any
 
 import numpy as np
 
+from foreswitch._helpers.toml import toml_text
 from foreswitch.identification.fit import Fit
 from foreswitch.project.project import Project
 
@@ -45,38 +45,41 @@ def draft_project(fit: Fit, source: str) -> str:
     Ts = float(f"{record.Ts:.9g}")  # time stamps carry rounding
     levels = [record.levels(j) for j in range(plant.inputs)]
     Td = Ts * np.ceil(SETTLING * _settling(fit) / Ts - 1e-9)
-    tables: list[tuple[str, dict[str, Any]]] = [
-        ("[plant]", _plant(fit)),
-        ("[actuator]", {"levels": levels[0] if plant.inputs == 1 else levels, "Ts": Ts}),
-        ("[estimator]", {
+    tables: dict[str, Any] = {
+        "plant": _plant(fit),
+        "actuator": {"levels": levels[0] if plant.inputs == 1 else levels, "Ts": Ts},
+        "estimator": {
             "process_noise": fit.process_noise(Ts),
             "measurement_noise": fit.measurement_noise,
             # more loads than outputs cannot be told apart
             **({"load": [(LOAD * np.ptp(each)) ** 2 for each in levels]} if plant.inputs <= plant.outputs else {}),
-        }),
-        ("[controller]", {"Td": Td, "lam": BANDWIDTH / Ts}),
-        *(("[reference]" if plant.outputs == 1 else "[[reference]]",
-           {"kind": "constant", "value": np.median(record.y[record.used, o])}) for o in range(plant.outputs)),
-        ("[simulation]", {
+        },
+        "controller": {"Td": Td, "lam": BANDWIDTH / Ts},
+        "reference": [{"kind": "constant", "value": np.median(record.y[record.used, o])} for o in range(plant.outputs)],
+        "simulation": {
             "duration": Ts * np.round(RUN * (plant.input_delay.max() + Td) / Ts),
             "noise": np.sqrt(fit.measurement_noise),
             "seed": 1,
-        }),
-    ]  # fmt: skip
-    lines = [
-        f"# foreswitch project, drafted from {source}",
-        f"# {', '.join(np.atleast_1d(fit.structure))}; explains "
-        + ", ".join(f"{percent:.1f}" for percent in np.ravel(fit.fit_percent))
-        + " % of the output's motion",
-        *(f"#   {name} = {value:.5g} +- {error:.2g}" for name, (value, error) in fit.parameters.items()),
-        *(f"# Mind: {sentence}" for sentence in fit.warnings),
-        "# Plant and estimator are what the record says; Ts is its sampling interval. The rest is a first guess to edit.",
-    ]
-    for head, keys in tables:
-        lines += ["", head, *(f"{key} = {_toml(value)}" for key, value in keys.items())]
-    text = "\n".join(lines) + "\n"
+        },
+    }
+    if plant.outputs == 1:
+        [tables["reference"]] = tables["reference"]
+    text = toml_text(_rounded(tables), heading=_heading(fit, source))
     Project(tomllib.loads(text))
     return text
+
+
+def _heading(fit: Fit, source: str) -> list[str]:
+    """Where it comes from and what was found, for the top of the file."""
+    return [
+        f"foreswitch project, drafted from {source}",
+        f"{', '.join(np.atleast_1d(fit.structure))}; explains "
+        + ", ".join(f"{percent:.1f}" for percent in np.ravel(fit.fit_percent))
+        + " % of the output's motion",
+        *(f"  {name} = {value:.5g} +- {error:.2g}" for name, (value, error) in fit.parameters.items()),
+        *(f"Mind: {sentence}" for sentence in fit.warnings),
+        "Plant and estimator are what the record says; Ts is its sampling interval. The rest is a first guess to edit.",
+    ]
 
 
 def _plant(fit: Fit) -> dict[str, Any]:
@@ -105,10 +108,10 @@ def _settling(fit: Fit) -> float:
     return float(max(fit.record.Ts, *inner[:1])) if inner.size else fit.record.Ts
 
 
-def _toml(value: Any) -> str:
-    """Numbers, strings and lists."""
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
+def _rounded(value: Any) -> Any:
+    """As a file holds it: arrays as lists, twelve digits of each number."""
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
     if np.ndim(value) > 0 or isinstance(value, list):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
-    return str(value) if isinstance(value, int) else f"{float(value) + 0.0:.12g}"
+        return [_rounded(item) for item in value]
+    return value if isinstance(value, (str, int)) else float(f"{float(value) + 0.0:.12g}")

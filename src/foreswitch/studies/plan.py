@@ -4,32 +4,39 @@ from __future__ import annotations
 
 import copy
 import math
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from foreswitch._helpers import check
-from foreswitch._helpers.check import Array
 from foreswitch._helpers.mistake import Mistake, inside, shown
+from foreswitch._helpers.units import INDEPENDENT, described
 from foreswitch.project.project import Project
-from foreswitch.project.tables import File, Table
+from foreswitch.project.tables import File, Table, unit_of
 from foreswitch.simulation.loop import Loop, checked_seed
 from foreswitch.studies.distributions import SHARED, Distribution, OneOf, Words, column, mixed, parsed, shares
 
-__all__ = ["Plan", "Setup", "full", "label", "plain_key", "planned", "unit"]
+__all__ = ["Plan", "Setup", "full", "key_unit", "label", "plain_key", "planned", "unit"]
 
-#: Of the truth against the model: truth = model with B (1 + gain_error) and input_delay + delay_error.
+
+class Meaning(NamedTuple):
+    """What a key is about, its unit in the sentence; and the unit by itself, None where there is none."""
+
+    sentence: str
+    unit: str | None
+
+
+#: Of the truth against the model, see `Plant.with_errors`.
 ERRORS = {
-    "delay_error": "the truth's dead time minus the model's [s]",
-    "gain_error": "the truth's input gain over the model's, minus one",
+    "delay_error": Meaning(described("the truth's dead time minus the model's", "s"), "s"),
+    "gain_error": Meaning("the truth's input gain over the model's, minus one", None),
 }
 #: The key under which tables name files.
 NAMED = "file"
@@ -39,10 +46,10 @@ BLOCK = 65_536
 Values = dict[str, Any]
 
 
-def _keys(table: type[Table], prefix: str = "") -> Iterator[tuple[str, str]]:
+def _keys(table: type[Table], prefix: str = "") -> Iterator[tuple[str, Meaning]]:
     """Every key below a table with what it means; entries of a list of tables count as one."""
     for name, field in table.model_fields.items():
-        yield prefix + name, field.description or ""
+        yield prefix + name, Meaning(field.description or "", unit_of(field))
         for below in _tables(field.annotation):
             yield from _keys(below, f"{prefix}{name}.")
 
@@ -64,9 +71,15 @@ def full(key: str) -> str:
 
 
 def unit(key: str) -> str:
-    """The unit in a key's description, with a blank before it; empty where it is the plant's."""
-    found = re.search(r" \[(s|Hz|rad|rad/s)\]", KEYS.get(plain_key(full(key)), ""))
-    return found[0] if found else ""
+    """`key_unit` in brackets, with a blank before it."""
+    found = key_unit(key)
+    return f" [{found}]" if found else ""
+
+
+def key_unit(key: str) -> str:
+    """A key's unit; empty where it has none or depends on the plant's."""
+    known = KEYS.get(plain_key(full(key)))
+    return known.unit if known and known.unit in INDEPENDENT else ""
 
 
 def plain_key(key: str) -> str:
@@ -194,6 +207,13 @@ class Plan:
         """A drawn parameter's values in runs."""
         draw = self.draws[key]
         return draw._at(shares(self.seed, full(key), point, SHARED if draw.per == "point" else repeat))
+
+    def column(self, key: str, point: ArrayLike, repeat: ArrayLike = 0) -> np.ndarray[Any, Any]:
+        """A parameter's values in runs, for a table: numbers as they are, lists and mixtures as text."""
+        found = self.axis(key, point) if key in self.axes else self.drawn(key, point, repeat)
+        values = np.asarray(found)
+        values = np.broadcast_to(values, (np.size(point), *values.shape[1:]))
+        return np.array([label(value) for value in values]) if values.dtype.kind in "OU" or values.ndim > 1 else values
 
     def varying(self) -> set[str]:
         """Keys that differ between the runs of a point."""
@@ -329,13 +349,11 @@ def _truth(project: Project, values: Values) -> Values:
         raise Mistake(key, values[key], "remove one of them", problem=problem)
     m = project.plant.inputs
     gain, delay = (check.per(key, values.get(key, 0.0), m, "input") for key in ("gain_error", "delay_error"))
-    shifted: Array = project.plant.input_delay + delay
-    if (shifted < 0.0).any():
-        given, left = values["delay_error"], label(float(shifted.min()))
-        problem = f"is {label(given)}, which leaves less than no dead time ({left} s)"
-        least = label(-float(project.plant.input_delay.min()))
-        raise Mistake("delay_error", given, f"give at least {least}", problem=problem)
-    return {"plant": project.plant.replace(B=project.plant.B * (1.0 + gain), input_delay=shifted)}
+    try:
+        return {"plant": project.plant.with_errors(delay, gain)}
+    except Mistake as mistake:
+        mistake.argument = mistake.subject = "delay_error"
+        raise
 
 
 # From what is asked ---------------------------------------------------------------------------------------------------

@@ -11,32 +11,30 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.files import whole_file
+from foreswitch._helpers.json import plain_data
 from foreswitch._helpers.mistake import Mistake
 from foreswitch._helpers.text import nearest, tree
-from foreswitch.presentation.report import Picture, Report, Section, Table, number
+from foreswitch._helpers.units import described, name_and_unit
 from foreswitch.project.project import Project
 from foreswitch.simulation.loop import simulate
 from foreswitch.simulation.run import Run
-from foreswitch.studies import plots
-from foreswitch.studies.distributions import LogUniform
-from foreswitch.studies.plan import KEYS, Plan, full, label, plain_key, unit
-from foreswitch.studies.plots import Scale
+from foreswitch.studies import pictures, report
+from foreswitch.studies.pictures import QUANTILES
+from foreswitch.studies.plan import Plan, key_unit, label
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+    from foreswitch.presentation.report import Report, Table
+
 __all__ = ["Study", "csv_rows"]
 
-QUANTILES = (0.05, 0.5, 0.95)
 #: Rows that are turned into text or Parquet at a time.
 BLOCK = 65_536
-#: Grid points that a report lists.
-LISTED = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,10 +90,7 @@ class Study:
         rows = np.arange(self.plan.rows)[first:last]
         point, repeat = np.divmod(rows, self.plan.repeats)
         table: dict[str, np.ndarray[Any, Any]] = {"point": point, "repeat": repeat}
-        for key in self.plan.axes:
-            table[key] = _flat(self.plan.axis(key, point))
-        for key in self.plan.draws:
-            table[key] = _flat(np.broadcast_to(self.plan.drawn(key, point, repeat), rows.shape))
+        table |= {key: self.plan.column(key, point, repeat) for key in (*self.plan.axes, *self.plan.draws)}
         table["seed"] = self.plan.seeds(point, repeat)
         for i, name in enumerate(self.metrics):
             values = self.figures[rows[0] : rows[-1] + 1, i] if rows.size else np.empty(0)
@@ -106,7 +101,7 @@ class Study:
         for first in range(0, self.plan.rows, BLOCK):
             yield self.columns(first, first + BLOCK)
 
-    def summary(self, quantiles: Sequence[float] = QUANTILES) -> dict[str, np.ndarray[Any, Any]]:
+    def quantiles(self, quantiles: Sequence[float] = QUANTILES) -> dict[str, np.ndarray[Any, Any]]:
         """Quantiles over the repeats, one row per grid point.
 
         Parameters
@@ -120,28 +115,49 @@ class Study:
             The parameters, then ``rms_error_q05``, ``rms_error_q50`` and so on.
         """
         points = np.arange(self.plan.points)
-        table = {key: _flat(self.plan.axis(key, points)) for key in self.plan.axes}
-        for key, draw in self.plan.draws.items():
-            if draw.per == "point":
-                table[key] = _flat(self.plan.drawn(key, points, 0))
+        table = {key: self.plan.column(key, points) for key in self.plan.axes}
+        table |= {key: self.plan.column(key, points) for key, draw in self.plan.draws.items() if draw.per == "point"}
         for name in self.metrics:
-            found = self._quantiles(name, quantiles)
+            found = self.quantile(name, quantiles)
             table |= {f"{name}_q{_percent(q)}": found[i] for i, q in enumerate(quantiles)}
         return table
 
-    def _quantiles(self, metric: str, quantiles: Sequence[float]) -> Array:
-        """Shape (quantiles, points)."""
+    def quantile(self, metric: str, quantiles: Sequence[float]) -> Array:
+        """Quantiles of one figure of merit over the repeats.
+
+        Parameters
+        ----------
+        metric : str
+            One of `metrics`.
+        quantiles : sequence of float
+            Shares between 0 and 1.
+
+        Returns
+        -------
+        ndarray, shape (quantiles, P)
+        """
         given = np.asarray(quantiles, dtype=np.float64)
         if given.ndim != 1 or not given.size or not ((given >= 0.0) & (given <= 1.0)).all():
             raise Mistake("quantiles", quantiles, "give shares between 0 and 1")
-        values = self._metric(metric).reshape(self.plan.points, self.plan.repeats)
+        values = self.values(metric).reshape(self.plan.points, self.plan.repeats)
         with np.errstate(invalid="ignore"):  # a loop that runs away has no figures
             return np.asarray(np.quantile(values, given, axis=1))
 
-    def _metric(self, name: str) -> Array:
-        if name not in self.metrics:
-            raise Mistake("metric", name, nearest(name, self.metrics))
-        return np.asarray(self.figures[:, self.metrics.index(name)])
+    def values(self, metric: str) -> Array:
+        """One figure of merit of all runs.
+
+        Parameters
+        ----------
+        metric : str
+            One of `metrics`.
+
+        Returns
+        -------
+        ndarray, shape (P R,)
+        """
+        if metric not in self.metrics:
+            raise Mistake("metric", metric, nearest(metric, self.metrics))
+        return np.asarray(self.figures[:, self.metrics.index(metric)])
 
     def to_frame(self) -> pd.DataFrame:
         """`columns` as a table; needs pandas.
@@ -200,7 +216,37 @@ class Study:
         seed = int(self.plan.seeds(point, repeat)[0])
         return simulate(setup.project.controller, setup.project.reference, **setup.settings, seed=seed)
 
-    # Pictures ---------------------------------------------------------------------------------------------------------
+    # What it says of itself -------------------------------------------------------------------------------------------
+
+    def summary(self, quantiles: Sequence[float] = QUANTILES) -> dict[str, Any]:
+        """The study as plain data: how many runs, and each grid point with its parameters and quantiles.
+
+        Parameters
+        ----------
+        quantiles : sequence of float
+            As in `quantiles`.
+
+        Returns
+        -------
+        dict
+            Numbers, lists, words and None, which stands for what is not finite; keys say their units, as in
+            ``"rms_error_q50 [kPa]"``.
+        """
+        table = self.quantiles(quantiles)
+        names = [described(name, self._units.get(name.rpartition("_q")[0]) or key_unit(name)) for name in table]
+        columns = (values.tolist() for values in table.values())
+        points = [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
+        plan = self.plan
+        found = {"runs": len(self), "repeats": plan.repeats, "seed": plan.seed, "points": points}
+        plain: dict[str, Any] = plain_data(found)
+        return plain
+
+    @cached_property
+    def _units(self) -> dict[str, str]:
+        """By figure of merit, where it has one."""
+        outputs = [name_and_unit(name)[1] for name in self.project.plant.output_names]
+        inputs = self.project.plant.inputs
+        return dict(zip(self.metrics, [*outputs, *outputs, *[""] * inputs, *["s"] * inputs], strict=True))
 
     def plot(
         self,
@@ -224,89 +270,7 @@ class Study:
         -------
         matplotlib.figure.Figure
         """
-        metric = metric or self.metrics[0]
-        middle = self._quantiles(metric, (0.5, *quantiles)).reshape(3, *self.plan.shape)
-        free = {}
-        for i, (key, values) in reversed(list(enumerate(self.plan.axes.items()))):
-            held = (at or {}).get(key, values[0] if len(values) == 1 else None)
-            if held is None and key not in (at or {}):
-                free[key] = values
-            elif held in values:
-                middle = np.take(middle, values.index(held), axis=i + 1)
-            else:
-                remedy = f"its values are {', '.join(map(label, values))}"
-                raise Mistake("at", held, remedy, problem=f"has {key} = {label(held)}", key=key)
-        free = dict(reversed(free.items()))
-        unknown = sorted(set(at or {}) - set(self.plan.axes))
-        if unknown:
-            problem = f"has {unknown[0]!r}, which is not an axis"
-            raise Mistake("at", unknown[0], nearest(unknown[0], self.plan.axes), problem=problem)
-        name = self._label(metric)
-        if len(free) > 3:
-            subject, problem = f"{len(free)} axes", f"are free ({', '.join(free)})"
-            raise Mistake("at", at, "hold all but three of them with at", problem=problem, subject=subject)
-        if not free:
-            return self._spread(metric, at)
-        if len(free) == 1:
-            [(key, values)] = free.items()
-            central, low, high = middle
-            return plots.bands(
-                _scale(key, values), low, central, high, metric=name, shares=quantiles, repeats=self.plan.repeats
-            )
-        return self._maps(free, middle[0], f"{name}, median of {self.plan.repeats}" if self.plan.repeats > 1 else name)
-
-    def _maps(self, free: dict[str, tuple[Any, ...]], field: Array, name: str) -> Figure:
-        """Two axes, and the shortest of three as panels."""
-        scales = [_scale(key, values) for key, values in free.items()]
-        for i, scale in enumerate(scales):
-            if scale.positions is not None:
-                order = np.argsort(scale.positions)
-                scales[i] = Scale(scale.name, [scale.values[j] for j in order])
-                field = np.take(field, order, axis=i)
-        titles = [""]
-        if len(scales) == 3:
-            short = min(range(3), key=lambda i: len(scales[i].values))
-            panel = scales.pop(short)
-            field = np.moveaxis(field, short, 0)
-            titles = [f"{panel.name} = {label(value)}" for value in panel.values]
-        else:
-            field = field[None]
-        y, x = scales
-        return plots.heat_maps(x, y, titles, field, metric=name)
-
-    def _spread(self, metric: str, at: Mapping[str, Any] | None) -> Figure:
-        """All runs of one point."""
-        index = [values.index((at or {}).get(key, values[0])) for key, values in self.plan.axes.items()]
-        point = int(np.ravel_multi_index(index, self.plan.shape)) if index else 0
-        values = self._metric(metric)[point * self.plan.repeats : (point + 1) * self.plan.repeats]
-        with np.errstate(invalid="ignore"):
-            marks = [(float(np.quantile(values, share)), f"{100 * share:g} %") for share in QUANTILES]
-        return plots.histogram(values, metric=self._label(metric), marks=marks)
-
-    def _scatter(self, metric: str) -> Figure | None:
-        """Some of all runs over each number that was drawn."""
-        keys = [key for key in self.plan.draws if self.columns(0, 1)[key].dtype.kind in "if"]
-        if not keys:
-            return None
-        rows = np.linspace(0, self.plan.rows - 1, min(self.plan.rows, plots.DOTS)).astype(np.int64)
-        point, repeat = np.divmod(rows, self.plan.repeats)
-        scales = [
-            Scale(key + unit(key), np.broadcast_to(self.plan.drawn(key, point, repeat), rows.shape).tolist(),
-                  isinstance(self.plan.draws[key], LogUniform))
-            for key in keys[:9]
-        ]  # fmt: skip
-        return plots.scatter(scales, self._metric(metric)[rows], metric=self._label(metric))
-
-    def _label(self, metric: str) -> str:
-        """A metric with its unit."""
-        plant = self.project.plant
-        q, m = plant.outputs, plant.inputs
-        names = [*plant.output_names] * 2 + [*plant.input_names] * 2
-        i = self.metrics.index(metric)
-        words = ["rms error", "largest error", "switches", "on-time [s]"][
-            0 if i < q else 1 if i < 2 * q else 2 if i < 2 * q + m else 3
-        ]
-        return f"{words}, {names[i]}" if i < 2 * q or m > 1 else words
+        return pictures.study_figure(self, metric or self.metrics[0], at or {}, quantiles)
 
     def table(self, most: int | None = None, *, brief: bool = False) -> Table:
         """Medians, and between which values nine tenths of the runs lie, by grid point; for reports and terminals.
@@ -322,34 +286,10 @@ class Study:
         -------
         Table
         """
-        shown, several = min(self.plan.points, most or self.plan.points), self.plan.repeats > 1
-        points = np.arange(shown)
-        tails = [key.split(".")[-1] for key in self.plan.axes]
-        short = brief and len(set(tails)) == len(tails)
-        heads = [
-            "",
-            *(name + unit(key) for name, key in zip(tails if short else self.plan.axes, self.plan.axes, strict=True)),
-        ]
-        cells = [[str(point + 1) for point in points]]
-        cells += [[label(value) for value in _flat(self.plan.axis(key, points))] for key in self.plan.axes]
-        for i, name in enumerate(self.metrics):
-            words = self._label(name)
-            heads.append(words.split(",")[0].replace("largest error", "largest") if brief else words)
-            low, middle, high = ([number(value) for value in row[:shown]] for row in self._quantiles(name, QUANTILES))
-            if several and not brief:
-                middle = [f"{m} ({a}, {b})" for a, m, b in zip(low, middle, high, strict=True)]
-            cells.append(middle)
-            if several and brief and i == 0:
-                heads += ["5 %", "95 %"]
-                cells += [low, high]
-        ends = "" if brief else "; in brackets 5 % and 95 %"
-        caption = f"Medians of {self.plan.repeats} runs{ends}." if several else ""
-        if shown < self.plan.points:
-            caption += f" The first {shown} of {self.plan.points} points."
-        return Table(heads, list(zip(*cells, strict=True)), caption.strip())
+        return report.study_table(self, most, brief=brief)
 
     def report(self, name: str) -> Report:
-        """What was varied, the table and pictures.
+        """What was varied, the table and pictures, to be written as a page.
 
         Parameters
         ----------
@@ -360,50 +300,13 @@ class Study:
         -------
         Report
         """
-        rows = [[key, ", ".join(map(label, values)), _meaning(key)] for key, values in self.plan.axes.items()]
-        rows += [[key, f"{draw}, one per {draw.per}", _meaning(key)] for key, draw in self.plan.draws.items()]
-        varied = [Table(["", "values", "meaning"], rows)] if rows else []
-        pictures = []
-        live = [key for key, values in self.plan.axes.items() if len(values) > 1]
-        held = {key: self.plan.axes[key][0] for key in live[3:]}
-        where = "".join(f" At {key} = {label(value)}." for key, value in held.items())
-        for metric in self.metrics:
-            caption = f"{self._label(metric)}.{where}"
-            pictures.append(Picture(metric, self.plot(metric, at=held), caption[0].upper() + caption[1:]))
-        drawn = self._scatter(self.metrics[0])
-        if drawn is not None:
-            pictures.append(Picture("drawn", drawn, "Over the parameters drawn; every dot is a run."))
-        sections = [
-            Section("Varied", [] if varied else ["Nothing but the seed."], varied),
-            Section("Results", pictures=pictures),
-            Section("Grid points", tables=[self.table(LISTED)]),
-            Section("First run", code=f"{self.project.controller!r}"),
-        ]
-        lead = (
-            f"{self.plan.points} point(s), {self.plan.repeats} run(s) each, seed {self.plan.seed}; "
-            f"{self.plan.rows} runs in all."
-        )
-        return Report(f"{name}: study", lead, sections)
-
-
-def _meaning(key: str) -> str:
-    return KEYS[plain_key(full(key))]
-
-
-def _scale(key: str, values: Sequence[Any]) -> Scale:
-    return Scale(f"{key}{unit(key)}", values)
+        return report.study_report(name, self)
 
 
 def _percent(share: float) -> str:
     """05 for 0.05, 50 for 0.5, 97.5 for 0.975."""
     text = f"{100.0 * share:.6g}"
     return text.rjust(2, "0") if "." not in text else text
-
-
-def _flat(values: ArrayLike) -> np.ndarray[Any, Any]:
-    """A column: numbers as they are, lists and mixtures as text."""
-    array = np.asarray(values)
-    return np.array([label(value) for value in array]) if array.dtype.kind in "OU" or array.ndim > 1 else array
 
 
 def csv_rows(block: dict[str, np.ndarray[Any, Any]], *, heads: bool = True) -> bytes:

@@ -14,6 +14,7 @@ import numpy as np
 
 from foreswitch._helpers.check import Array
 from foreswitch._helpers.files import write_whole
+from foreswitch._helpers.json import json_text, plain_data
 from foreswitch._helpers.mistake import Mistake
 from foreswitch.studies.plan import Plan
 from foreswitch.studies.workers import Piece
@@ -50,7 +51,7 @@ class Store:
 
     def __init__(self, folder: Path, plan: Plan) -> None:
         self.folder, self.chunks = folder, folder / "chunks"
-        self.identity = json.loads(json.dumps({"foreswitch": version("foreswitch"), **plan.description}))
+        self.identity = plain_data({"foreswitch": version("foreswitch"), **plan.description})
         self.rows = 0  # per chunk
         try:
             found = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
@@ -73,14 +74,14 @@ class Store:
     def begin(self, rows: int) -> None:
         """Write the manifest, with the rows per chunk."""
         self.rows = rows
-        digest = sha256(json.dumps(self.identity, sort_keys=True).encode()).hexdigest()
+        digest = sha256(json_text(self.identity, sort_keys=True).encode()).hexdigest()
         try:
             self.chunks.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             problem, subject = f"cannot be written ({error.strerror})", str(self.folder)
             raise Mistake("out", self.folder, "give another folder", problem=problem, subject=subject) from None
         content: dict[str, Any] = {"hash": digest, "rows_per_chunk": rows, "study": self.identity}
-        write_whole(self.folder / MANIFEST, json.dumps(content, indent=2) + "\n")
+        write_whole(self.folder / MANIFEST, json_text(content, indent=2))
 
     def save(self, piece: Piece, values: Array) -> None:
         """Keep a finished chunk."""

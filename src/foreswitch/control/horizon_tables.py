@@ -181,34 +181,10 @@ def horizon_tables(
     for k in reversed(range(moves, len(root_weight))):
         P = after.T @ _weighed(P, S, root_weight[k]) @ after
     last_value = P
-    gaps = np.array([np.diff(np.unique(values[:, j])).max(initial=0.0) for j in range(m)])
-    gain, pull = np.zeros((moves, m, n + m)), np.zeros((moves, m, m))
-    place, far = np.zeros((moves, len(values), m)), 0.0
-    for k in reversed(range(moves)):
-        P = _weighed(P, S, root_weight[k])
-        pivot = B.T @ P @ B + np.diag(weight - lift[k])
-        cross = B.T @ P @ A
-        cross[:, n:] -= np.diag(weight)
-        w, V = np.linalg.eigh(pivot)
-        w, V = w[::-1], V[:, ::-1]
-        sound = w > ZERO_PIVOT * np.abs(H).max()
-        root = np.sqrt(np.where(sound, w, 1.0))
-        L = np.where(sound, root, 0.0)[:, None] * V.T
-        pull[k] = np.where(sound, 1.0 / root, 0.0)[:, None] * V.T
-        gain[k] = -pull[k] @ cross
-        place[k] = values @ L.T
-        far += float(np.diag(pivot) @ gaps**2) / 4.0
-        K = pull[k].T @ gain[k]
-        closed, move = A + B @ K, K - np.hstack([np.zeros((m, n)), np.eye(m)])
-        # Joseph's form: the plain one loses all digits on unstable plants
-        P = closed.T @ P @ closed + move.T @ np.diag(weight) @ move - K.T @ np.diag(lift[k]) @ K
-        P = (P + P.T) / 2.0
-
-    metric, M = np.zeros((moves, n + m, n + m)), np.zeros((n + m, n + m))
-    for k in reversed(range(moves)):
-        M = gain[k].T @ gain[k] + A.T @ M @ A
-        w, V = np.linalg.eigh(M)
-        metric[k] = np.sqrt(np.maximum(w[::-1], 0.0))[:, None] * V[:, ::-1].T
+    gain, pull, place, far = _riccati(
+        A, B, P, S, root_weight[:moves], values, weight, lift, ZERO_PIVOT * np.abs(H).max()
+    )
+    metric = _metric(gain, A)
     arrays = {
         "F": F, "G": G, "S": S, "root_weight": root_weight, "T": terminal, "move_weight": weight, "lift": lift,
         "lift_centre": lift * (lowest + highest) / 2.0, "last_value": last_value,
@@ -221,6 +197,67 @@ def horizon_tables(
     dominance = moves * np.log10(len(values)) >= (MANY_OF_FEW if len(values) <= FEW else MANY)
     limit = FAR * m * far + moves * float(change.max(initial=0.0))
     return HorizonTables(arrays, bool(change.any()), bool(dominance), PATIENCE * moves, limit)
+
+
+def _riccati(
+    A: Array,
+    B: Array,
+    P: Array,
+    S: Array,
+    root_weight: Array,
+    values: Array,
+    weight: Array,
+    lift: Array,
+    zero: float,
+) -> tuple[Array, Array, Array, float]:
+    """Backwards over the moves: L K, L^-T, L u for each candidate, and the cost that rounding to a level leaves.
+
+    Parameters
+    ----------
+    A, B : ndarray, shape (N + m, N + m) and (N + m, m)
+        In y = (x, previous move).
+    P : ndarray, shape (N + m, N + m)
+        Cost after the last move.
+    S, root_weight, values, weight, lift
+        As in `horizon_tables`; the roots of the moves alone.
+    zero : float
+        Pivots up to this are none.
+    """
+    (moves, m), n = lift.shape, S.shape[1]
+    gaps = np.array([np.diff(np.unique(values[:, j])).max(initial=0.0) for j in range(m)])
+    gain, pull = np.zeros((moves, m, n + m)), np.zeros((moves, m, m))
+    place, far = np.zeros((moves, len(values), m)), 0.0
+    for k in reversed(range(moves)):
+        P = _weighed(P, S, root_weight[k])
+        pivot = B.T @ P @ B + np.diag(weight - lift[k])
+        cross = B.T @ P @ A
+        cross[:, n:] -= np.diag(weight)
+        w, V = np.linalg.eigh(pivot)
+        w, V = w[::-1], V[:, ::-1]
+        sound = w > zero
+        root = np.sqrt(np.where(sound, w, 1.0))
+        L = np.where(sound, root, 0.0)[:, None] * V.T
+        pull[k] = np.where(sound, 1.0 / root, 0.0)[:, None] * V.T
+        gain[k] = -pull[k] @ cross
+        place[k] = values @ L.T
+        far += float(np.diag(pivot) @ gaps**2) / 4.0
+        K = pull[k].T @ gain[k]
+        closed, move = A + B @ K, K - np.hstack([np.zeros((m, n)), np.eye(m)])
+        # Joseph's form: the plain one loses all digits on unstable plants
+        P = closed.T @ P @ closed + move.T @ np.diag(weight) @ move - K.T @ np.diag(lift[k]) @ K
+        P = (P + P.T) / 2.0
+    return gain, pull, place, far
+
+
+def _metric(gain: Array, A: Array) -> Array:
+    """A root of what two nodes' distances in y may cost, for each depth."""
+    moves, span = len(gain), len(A)
+    metric, M = np.zeros((moves, span, span)), np.zeros((span, span))
+    for k in reversed(range(moves)):
+        M = gain[k].T @ gain[k] + A.T @ M @ A
+        w, V = np.linalg.eigh(M)
+        metric[k] = np.sqrt(np.maximum(w[::-1], 0.0))[:, None] * V[:, ::-1].T
+    return metric
 
 
 def _weighed(P: Array, S: Array, root_weight: Array) -> Array:

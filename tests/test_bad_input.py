@@ -216,10 +216,6 @@ MISTAKES = {
     "no objective": (lambda: build(objective=0.02), r"objective is 0\.02"),
     "levels descending": (lambda: build(levels=[1, 0]), r"levels of input 1 are \[1\.0, 0\.0\]"),
     "levels twice": (lambda: build(levels=[0, 0, 1]), r"levels of input 1 are \[0\.0, 0\.0, 1\.0\]"),
-    "levels that are one in single": (
-        lambda: build(levels=[1, 1 + 1e-9], real="float32"),
-        r"the design contradicts itself, or .* levels that coincide .*; give real = 'float64'",
-    ),
     "one level": (lambda: build(levels=[1]), r"levels of input 1 have shape \(1,\)"),
     "no level": (lambda: build(levels=[]), r"levels of input 1 have shape \(0,\)"),
     "256 levels": (lambda: build(levels=np.arange(256)), r"levels of input 1 have shape \(256,\)"),
@@ -415,6 +411,12 @@ def test_a_mistake_is_one_sentence_naming_argument_and_value(mistake):
     assert "\n" not in message
     assert len(message) < 240
     assert not message.endswith(".")
+
+
+def test_a_design_that_the_core_refuses_comes_with_what_to_do():
+    with pytest.raises(ValueError, match="the design contradicts itself, or .*; give real = 'float64'"):
+        build(levels=[1, 1 + 1e-9], real="float32")
+    build(levels=[1, 1 + 1e-9], real="float64")
 
 
 # Fields ---------------------------------------------------------------------------------------------------------------

@@ -461,9 +461,9 @@ def test_the_file_is_the_same_each_time(exported, tmp_path):
     with zipfile.ZipFile(tmp_path / "again.fmu") as archive:
         assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
         assert archive.namelist()[0] == "modelDescription.xml"
-        for file in ("foreswitch.c", "foreswitch.h", "arithmetic.h", "horizon.c", "horizon.h", "fmi2.h"):
-            assert archive.read(f"sources/{file}") == (CORE / file).read_bytes()
-        assert archive.read("sources/fmi.c") == (CORE / "fmi" / "fmi.c").read_bytes()
+        core = ("foreswitch.c", "foreswitch.h", "arithmetic.h", "horizon.c", "horizon.h", "fmi/fmi.c", "fmi/fmi2.h")
+        for path in (CORE / file for file in core):
+            assert archive.read(f"sources/{path.name}") == path.read_bytes()
         binary = next(name for name in archive.namelist() if name.startswith("binaries/"))
         assert str(tmp_path).encode() not in archive.read(binary)
     identity = {fmpy.read_model_description(str(exported(name))).guid for name in CASES}

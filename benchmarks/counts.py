@@ -69,7 +69,7 @@ def steps_header(one: Problem) -> str:
 
 
 def horizon_instructions(folder: Path, one: Problem) -> list[int]:
-    """Of each step: the counter writes a file when one is over."""
+    """Counts of each step: the counter writes a file when one is over."""
     (folder / "design.h").write_text(design_source(one.law))
     (folder / "steps.h").write_text(steps_header(one))
     sources = [HERE / "count_horizon.c", CORE / "foreswitch.c", CORE / "horizon.c"]

@@ -27,7 +27,7 @@ INSTANCES, LIMIT = 2, 3.0
 
 
 def share(time: np.ndarray, other: np.ndarray) -> tuple[float, float]:
-    """Of medians and of maxima."""
+    """Ratios of medians and of maxima."""
     return float(np.median(other) / np.median(time)), float(other.max() / time.max())
 
 

@@ -66,7 +66,7 @@ def row(structure: str, noise: str, results: list[oracle.Result]) -> str:
 
 
 def seconds(samples: int) -> float:
-    """Of the processor, for a record of pulses of the paper's kind of plant."""
+    """Seconds of the processor, for a record of pulses of the paper's kind of plant."""
     t, rng = 1e-3 * np.arange(samples), np.random.default_rng(1)
     u = np.repeat(rng.integers(0, 2, samples // 20 + 1), 20)[:samples].astype(float)
     delayed = np.r_[np.zeros(5), u[:-5]]

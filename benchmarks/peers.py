@@ -21,7 +21,7 @@ def installed(solver: str) -> bool:
 
 @dataclass(frozen=True)
 class Solved:
-    """Of each instance the shortest time, the moves found and whether they are proven best."""
+    """For each instance the shortest time, the moves found and whether they are proven best."""
 
     seconds: np.ndarray
     moves: list[np.ndarray]

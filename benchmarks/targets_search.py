@@ -43,7 +43,7 @@ class Search:
         self.reference = law.evaluations * law.plant.outputs * law.order
 
     def values(self, shape: tuple[int, ...], scale: np.ndarray | float) -> np.ndarray:
-        """Of any sign and of magnitudes from far below to far above the scale."""
+        """Numbers of any sign and of magnitudes from far below to far above the scale."""
         exponents = self.rng.choice([0.0, 0.0, 4.0, 12.0], size=shape) * self.rng.normal(size=shape)
         return scale * self.rng.normal(size=shape) * 2.0**exponents
 

@@ -414,7 +414,7 @@ def test_a_mistake_is_one_sentence_naming_argument_and_value(mistake):
 
 
 def test_a_design_that_the_core_refuses_comes_with_what_to_do():
-    with pytest.raises(ValueError, match="the design contradicts itself, or .*; give real = 'float64'"):
+    with pytest.raises(ValueError, match=r"the design contradicts itself, or .*; give real = 'float64'"):
         build(levels=[1, 1 + 1e-9], real="float32")
     build(levels=[1, 1 + 1e-9], real="float64")
 

@@ -14,7 +14,7 @@ DOCS = ROOT / "docs"
 
 
 def fingerprint(files: Iterable[Path], start: str = "") -> str:
-    """Of names and contents."""
+    """A fingerprint of names and contents."""
     found = hashlib.sha256(start.encode())
     for file in files:
         found.update(f"{file.relative_to(ROOT)}\n".encode() + hashlib.sha256(file.read_bytes()).digest())

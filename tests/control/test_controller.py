@@ -466,7 +466,7 @@ def test_what_was_issued_must_be_a_level_and_periods_a_number(call, words):
 
 
 def test_a_forbidden_candidate_costs_infinity_whatever_the_weight():
-    """Of a weight that vanishes in the arithmetic, half is zero."""
+    """Half of a weight that vanishes in the arithmetic is zero."""
     objective = fsw.Endpoint(Td=0.020, lam=2500.0, weight=1e-50)
     law = fsw.Controller(VALVE, [0, 1], 1e-3, objective, min_on=0.01, real="float32")
     law.step([0.0, 0.0], 100.0)

@@ -111,7 +111,7 @@ def test_a_project_file_is_changed_key_by_key():
 
 @pytest.mark.parametrize("page", [*HOWTOS, TUTORIAL], ids=lambda page: page.stem)
 def test_the_text_quotes_only_numbers_that_its_code_holds_or_prints(page):
-    """Of two digits or more."""
+    """Numbers of two digits or more."""
     text = page.read_text(encoding="utf-8")
     code = " ".join(each.text for each in snippets.blocks(page))
     words = marks.prose(text)

@@ -353,7 +353,7 @@ def test_reset_begins_anew(exported, opened):
 
 
 def test_instances_do_not_know_of_each_other(exported, opened):
-    """Of one FMU and of another, step by step."""
+    """Outputs of one FMU and of another, step by step."""
     laws = [quiet(CASES[name][0], "float64") for name in ("horizon", "horizon", "paper")]
     fmus = [opened(exported("horizon")), opened(exported("horizon")), opened(exported("paper"))]
     runs = [

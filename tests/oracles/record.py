@@ -271,7 +271,7 @@ def study(structure, seed, levels=LEVELS):
 
 @dataclass(frozen=True)
 class Summary:
-    """Of many runs with one structure."""
+    """Summary of many runs with one structure."""
 
     runs: int
     bias: dict  # of each parameter, in standard deviations of one run

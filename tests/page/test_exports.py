@@ -29,7 +29,7 @@ def foreswitch(*arguments):
 
 
 def nested(table):
-    """Of everything that a table may hold."""
+    """Values of every kind that a table may hold."""
     return changed(
         INVERTER, ("simulation.hardware", {"stuck": [{"level": 1.0}, {"level": 0, "input": 1}], "drift": INVERTER["plant"]}),
         ("simulation.plant", INVERTER["plant"]), ("estimator", {"process_noise": 1.0, "measurement_noise": [1e-2, 1e-2]}),

@@ -233,7 +233,7 @@ def test_frames_without_end_do_not_fill_the_memory(page, frame):
 
 
 def test_what_is_out_of_date_is_said_to_be(page):
-    """Of requests sent at once the first and the last are computed; every one is answered once."""
+    """The first and the last of requests sent at once are computed; every one is answered once."""
     with page.talk() as talk:
         for i in range(40):
             talk.send(json.dumps({"id": i, "kind": "look", "project": HOT}))

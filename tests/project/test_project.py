@@ -142,7 +142,7 @@ def key_of(act):
 
 
 def test_what_the_file_says_bears_its_key_and_what_the_caller_says_does_not(content):
-    """Of the design, the run, the certificate and the laws of today."""
+    """Mistakes of the design, the run, the certificate and the laws of today."""
     short = Project(changed(content, "simulation.x0", [1.0]))
     assert key_of(short.simulate) == "simulation.x0"
     assert key_of(lambda: short.simulate(x0=[1.0])) is None
@@ -163,7 +163,7 @@ def test_what_the_file_says_bears_its_key_and_what_the_caller_says_does_not(cont
 
 
 def test_every_argument_of_a_table_has_one_key():
-    """Of the tables that one call takes its arguments from: none may stand for two keys."""
+    """No argument of one call may stand for two keys of the tables that it takes them from."""
     of_a_controller = [TABLES[name].keys_at(name) for name in ("plant", "actuator", "controller", "estimator")]
     assert sum(map(len, of_a_controller)) + 4 == len(CONTROLLER_KEYS)  # and the tables themselves
     of_a_run = [TABLES[name].keys_at(name) for name in ("simulation", "simulation.hardware")]

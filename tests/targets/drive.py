@@ -156,7 +156,7 @@ def exported(folder: Path, law: Controller) -> Path:
 
 
 def core_sources(folder: Path) -> list[Path]:
-    """Of an exported folder."""
+    """C sources of an exported folder."""
     return [path for path in (folder / "foreswitch.c", folder / "horizon.c") if path.exists()]
 
 

@@ -167,7 +167,7 @@ def in_qemu(machine: str) -> Callable[[Image, bytes, str, str], Result]:
 
 
 def counted(text: str, symbols: dict[str, tuple[int, int]]) -> tuple[list[int], list[int], dict[str, int]]:
-    """Of each call, and of each function."""
+    """Counts of each call, and of each function."""
     lines = [[int(word) for word in line.split()] for line in text.splitlines()]
     hits = {line[0]: line[1] for line in lines if len(line) == 2}
     functions = {

@@ -14,7 +14,7 @@ INDIRECT = re.compile(r"\t(?:blx\s+r|icall|eicall|ijmp|eijmp|bx\s+r)")
 
 
 def frames(image: Image) -> dict[str, int]:
-    """Of the functions that were compiled here, bytes; a frame of unknown size is an error."""
+    """Stack of the functions that were compiled here, bytes; a frame of unknown size is an error."""
     found: dict[str, int] = {}
     for file in image.path.parent.glob(f"{image.path.name}-*.su"):
         for line in file.read_text().splitlines():

@@ -97,7 +97,7 @@ def test_products_are_not_fused_even_by_a_compiler_that_may(target, real, tmp_pa
 @pytest.mark.parametrize("bit", [0, 7])
 @on("cortex-m4f")
 def test_one_bit_of_one_sample_is_noticed(target, real, bit, tmp_path):
-    """Of the first value measured in the last period that uses its sample, here the lowest bits of the fraction."""
+    """The first value measured in the last period that uses its sample, with the lowest bits of its fraction changed."""
     script = Script(long_runs("endpoint", real, 2000).law)
     for pressure in (10.0, 11.0, 12.0):
         script.step([pressure], np.full((1, 1, script.law.order), 20.0))

@@ -86,7 +86,7 @@ class ErrorLoop:
 
     @cached_property
     def poles(self) -> np.ndarray[Any, np.dtype[np.complex128]]:
-        """Of the ideal loop, slowest first."""
+        """Poles of the ideal loop, slowest first."""
         poles = np.linalg.eigvals(self.M).astype(np.complex128)
         return poles[np.argsort(-np.abs(poles), kind="stable")]
 

@@ -119,7 +119,7 @@ class Windows:
         return self.effect(j, max(start, low), min(start + self.Ts, high), at)
 
     def under_way(self, j: int, error: float) -> tuple[Array, Array]:
-        """Of the commands issued before t_k, newest first: how wrongly the rest of them is predicted, and that rest.
+        """How wrongly the rest of each command issued before t_k is predicted, and that rest, newest first.
 
         Both (count, n), per unit, at t_k + max tau.
         """

@@ -68,7 +68,7 @@ class Tables:
 
     @property
     def table_bytes(self) -> int:
-        """Of all arrays of the C structure."""
+        """Size of all arrays of the C structure."""
         own = (getattr(self, each.name) for each in self.tables() if not each.metadata["host"])
         return sum(int(values.nbytes) for values in own if values is not None)
 
@@ -203,7 +203,7 @@ class Design(Tables):
 
     @property
     def pending_levels(self) -> int:
-        """Of all inputs, the commands under way times the levels that each may have."""
+        """Commands under way times the levels that each may have, of all inputs."""
         return int(self.pending.astype(np.int64) @ self.level_count)
 
     @property

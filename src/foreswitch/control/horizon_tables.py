@@ -271,7 +271,7 @@ def _weighed(P: Array, S: Array, root_weight: Array) -> Array:
 def _hessian(
     F: Array, G: Array, S: Array, root_weight: Array, moves: int, hold: bool, weight: Array, terminal: Array
 ) -> Array:
-    """Of J in all moves, stacked."""
+    """Hessian of J in all moves, stacked."""
     (n, m), steps = G.shape, len(root_weight)
     columns = np.zeros((moves, steps, n, m))  # effect of each move on each z
     for j in range(moves):

@@ -224,7 +224,7 @@ class Stepping:
         Raises
         ------
         ValueError
-            If the command is no level, or a shape does not fit.
+            If the command is not a level, or a shape does not fit.
         """
         indices = np.array(level_indices("command", command, self.levels), dtype=np.uint8)
         self.core.track(*self._measurement(x, disturbance), indices)

@@ -52,7 +52,7 @@ def export_c(controller: Controller, folder: str | Path, *, name: str = "control
     Raises
     ------
     ValueError
-        If the name is no C identifier, or the folder cannot be made.
+        If the name is not a C identifier, or the folder cannot be made.
 
     Examples
     --------
@@ -97,7 +97,7 @@ def check_export(controller: Controller, name: str) -> None:
 
 @cache
 def _identifiers() -> frozenset[str]:
-    """Of all C that is shipped: in a function that has a local of the design's name, the local would be meant."""
+    """Identifiers of all C that is shipped: where a local had the design's name, the local would be meant."""
     own = files("foreswitch.export")
     found: set[str] = set()
     sources = [own.joinpath("c", file) for file in [*CORE, *HORIZON, *SHELL]]

@@ -61,7 +61,7 @@ def export_fmu(controller: Controller, path: str | Path, *, name: str = "control
     Raises
     ------
     ValueError
-        If the name is no C identifier, the path cannot be written, or there is no compiler for this machine.
+        If the name is not a C identifier, the path cannot be written, or there is no compiler for this machine.
 
     Examples
     --------
@@ -96,7 +96,7 @@ def export_fmu(controller: Controller, path: str | Path, *, name: str = "control
 
 
 def _guid(parts: Sequence[str]) -> str:
-    """Of what the FMU consists of, so that equal ones bear the same."""
+    """An identifier made of all that the FMU consists of, so that equal ones bear the same."""
     digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()
     return f"{{{digest[:8]}-{digest[8:12]}-{digest[12:16]}-{digest[16:20]}-{digest[20:32]}}}"
 

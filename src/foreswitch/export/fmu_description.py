@@ -131,7 +131,7 @@ def _rate(unit: str, order: int) -> str:
 
 
 def _named(prefix: str, names: Sequence[str]) -> list[tuple[str, str, str]]:
-    """Of each name an identifier, the unit in brackets, and itself without that: "pressure [kPa]"."""
+    """For each name an identifier, the unit in brackets, and the name without it: "pressure [kPa]"."""
     found: list[tuple[str, str, str]] = []
     for i, name in enumerate(names):
         words, unit = name_and_unit(name)

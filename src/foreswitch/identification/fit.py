@@ -122,7 +122,7 @@ class Fit:
 
     @property
     def structure(self) -> str | list[str]:
-        """Of the output, or of each."""
+        """Name of the structure of the output, or of each."""
         names = [str(structure) for structure in self.estimate.problem.structures]
         return names[0] if len(names) == 1 else names
 

@@ -116,7 +116,7 @@ class Problem:
         self.delays = slice(int(edges[-1]), int(edges[-1]) + record.u.shape[1])
 
     def bounds(self) -> tuple[Array, Array]:
-        """Of all nonlinear parameters, the dead times last."""
+        """Bounds of all nonlinear parameters, the dead times last."""
         each = [
             structure.bounds(0.02 * self.shortest, 10.0 * self.longest, self.scale) for structure in self.structures
         ]
@@ -259,7 +259,7 @@ class Trial:
         return [np.column_stack(c) for c in columns]
 
     def jacobian(self) -> Array:
-        """Of `residual`, by all nonlinear parameters."""
+        """Derivatives of `residual` by all nonlinear parameters."""
         problem, rows = self.problem, []
         for o in range(len(problem.outputs)):
             projected, basis = self._without_nuisance(o, self.derivatives(o)), self.linear[o].basis

@@ -121,7 +121,7 @@ class Record:
         Raises
         ------
         ValueError
-            As `Record`, or if the file cannot be read, a column is missing or a cell is no number.
+            As `Record`, or if the file cannot be read, a column is missing or a cell is not a number.
         """
         inputs, outputs = (
             [default] if given is None else list(given) if isinstance(given, (list, tuple)) else [given]

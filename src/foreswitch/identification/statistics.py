@@ -20,7 +20,7 @@ LAGS, WHITE = 20, 1e-3
 
 
 def autocorrelation(parts: list[Array], lags: int) -> Array:
-    """Of residuals in separate stretches, lags 0 to ``lags``, shape (lags + 1,)."""
+    """Autocorrelation of residuals in separate stretches, lags 0 to ``lags``, shape (lags + 1,)."""
     total = sum(float(r @ r) for r in parts)
     return np.array([sum(float(r[k:] @ r[: r.size - k]) for r in parts if r.size > k) for k in range(lags + 1)]) / total
 
@@ -45,7 +45,7 @@ class Estimate:
     # ---- Residuals ----
 
     def residuals(self, o: int) -> list[Array]:
-        """Of output ``o``, one array per segment."""
+        """Residuals of output ``o``, one array per segment."""
         return self.trial.linear[o].residuals
 
     @cached_property
@@ -60,7 +60,7 @@ class Estimate:
         return nonlinear + linear + sum(int(part.basis.shape[1]) for part in self.trial.parts[o])
 
     def variance(self, o: int) -> float:
-        """Of the residuals of output ``o``."""
+        """Variance of the residuals of output ``o``."""
         square = sum(float(r @ r) for r in self.residuals(o))
         return square / max(1, self.samples - self.unknowns(o))
 
@@ -127,7 +127,7 @@ class Estimate:
 
     @cached_property
     def covariance(self) -> Array:
-        """Of the parameters in the order of `names`; robust to coloured residuals where they are coloured."""
+        """Covariance of the parameters in the order of `names`; robust to coloured residuals where they are coloured."""
         jacobian, h = [], 1e-6
         for k in range(self._vector.size):
             step = np.zeros(self._vector.size)

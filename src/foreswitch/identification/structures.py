@@ -173,7 +173,7 @@ class Structure:
         return result
 
     def numerator(self, theta: Array, gains: Array, scale: float) -> Array:
-        """Of one input, whose gains are one number or, for a free order, one per state; descending, shape (n,)."""
+        """Numerator of one input, whose gains are one number or, for a free order, one per state; descending, shape (n,)."""
         n, blocks = self.states, self._blocks(theta, scale)
         result = np.zeros(n)
         if not self.order:

@@ -179,7 +179,7 @@ def _is_address(host: str, port: int) -> bool:
 
 
 def _headers(host: str) -> list[tuple[bytes, bytes]]:
-    """Of every reply; nothing is loaded from elsewhere, nothing runs that stands in the markup itself."""
+    """Headers of every reply: nothing is loaded from elsewhere, nothing runs that stands in the markup itself."""
     policy = (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; font-src 'self'; "
         f"connect-src 'self' ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"

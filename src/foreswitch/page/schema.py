@@ -33,7 +33,7 @@ def schema() -> dict[str, dict[str, Any]]:
 
 
 def uses() -> dict[str, Any]:
-    """Of the tables in which one key decides which others are used: that key, and the others by its value."""
+    """Tables in which one key decides which others are used: that key, and the others by its value."""
     return {
         name: {
             "by": table.BY,

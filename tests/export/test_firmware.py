@@ -13,7 +13,7 @@ import pytest
 
 import foreswitch as fsw
 from foreswitch.export.firmware import firmware_figures
-from foreswitch.export.header import Design, initialiser, number
+from foreswitch.export.header import exported as as_exported, initialiser, limits, number
 from foreswitch.export.vectors import golden_steps
 from places import CORE, ROOT
 from systems import TWO_BY_TWO, VALVE
@@ -517,7 +517,7 @@ def test_a_promise_that_is_broken_is_refused(exported, tmp_path):
 
 def test_a_tail_that_is_always_zero_is_not_computed():
     for name, rests in (("paper", 0), ("vented", 1), ("levels beside zero", 1)):
-        assert Design.of(design(name)).limits["FSW_REST"] == rests, name
+        assert limits(as_exported(design(name).design))["FSW_REST"] == rests, name
 
 
 # Command line ---------------------------------------------------------------------------------------------------------

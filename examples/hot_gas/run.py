@@ -24,7 +24,7 @@ print(f"one pulse {pulse:g} kPa, lag by design {1e3 * valve.lag:.1f} ms")
 print(f"{'':<24}{'rms error [kPa]':>16}{'overshoot [kPa]':>17}{'lag [ms]':>10}{'pulses':>8}")
 for name, run in runs.items():
     m, over = run.metrics(), (run.y - run.r).max()
-    print(f"{name:<24}{m['rms_error']:16.1f}{over:17.1f}{1e3 * m['lag']:z10.1f}{run.u.sum():8.0f}")
+    print(f"{name:<24}{m['rms_error']:16.1f}{over:17.1f}{1e3 * m['lag']:z10.0f}{run.u.sum():8.0f}")
 
 ignored, predicted, previewed, _ = runs.values()
 t = 1e3 * predicted.t

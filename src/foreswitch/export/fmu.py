@@ -73,7 +73,7 @@ def export_fmu(controller: Controller, path: str | Path, *, name: str = "control
     >>> path = Path(tempfile.mkdtemp()) / "controller.fmu"
     >>> export_fmu(law, path, binary=False)
     >>> zipfile.ZipFile(path).namelist()[:3]
-    ['modelDescription.xml', 'sources/LICENSE', 'sources/fmi.c']
+    ['modelDescription.xml', 'sources/LICENSE', 'sources/arithmetic.h']
     """
     check_export(controller, name)
     target = Path(path)

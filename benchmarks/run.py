@@ -12,9 +12,9 @@ import time
 from importlib import import_module
 
 TIMES = ("closed_loop", "python_step", "denormals", "batch", "horizon", "study", "page_load")
-COUNTS = ("counts", "targets_counts", "certificate", "page_counts")
+COUNTS = ("counts", "targets_counts", "certificates", "page_counts")
 #: Those that take a share of their work, and all of it with `--full`.
-SHORTENED = ("study", "certificate")
+SHORTENED = ("study", "certificates")
 #: Seconds to wait before each try of a benchmark: the neighbour may have finished by then.
 TRIES = (0.0, 2.0, 10.0)
 MISSED = 3  # exit code of one benchmark; any other failure is a defect

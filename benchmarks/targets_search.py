@@ -37,7 +37,7 @@ class Search:
         self.law, self.spread, self.steps, self.usable = law, spread, steps, usable
         self.rng = np.random.default_rng(seed)
         script = Script(law)
-        self.sizes, m = script.sizes, law.plant.inputs
+        self.design, m = script.design, law.plant.inputs
         self.commands = law.actuator.candidates.reshape(-1, m)
         self.known = self.design.states + self.design.disturbances
         self.reference = law.evaluations * law.plant.outputs * law.order

@@ -1,6 +1,6 @@
 """Certificates against an adversary: random designs of every kind, and designs that must be refused.
 
-`python benchmarks/certificate.py [--full]`: leaves with 1 if a bound is broken, is loose, or is given where none holds.
+`python benchmarks/certificates.py [--full]`: leaves with 1 if a bound is broken, is loose, or is given where none holds.
 Prints per class of plant and shape: bounds, broken ones, and bound over the worst deviation that was found.
 """
 

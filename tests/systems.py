@@ -12,6 +12,7 @@ import foreswitch as fsw
 # The hot-gas example of Shields, Barth and Goldfarb (2006): kPa, s.
 VALVE = fsw.Plant.integrator_lag(k=16500.0, c=0.006, L=0.005)
 RISE = fsw.HalfSine(height=1000.0, duration=0.5)
+SENSOR = fsw.Kalman([0.0, 1e4], 4.0, load=1e-6)  # 2 kPa of noise, a slope known to 100 kPa/s
 
 OVEN = fsw.Plant.fopdt(K=100.0, T=100.0, L=20.0)
 MASS = fsw.Plant([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], input_delay=0.3)

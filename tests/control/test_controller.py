@@ -1,162 +1,15 @@
-"""The controller: the dead time changes no command, bad measurements are survived, memory can be moved."""
+"""The controller: what it decides, what its caller may give and tell, and memory that can be moved."""
 
 import copy
 import pickle
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, strategies as st
 
 import foreswitch as fsw
 from foreswitch import Status
 from foreswitch.model import prediction
 from systems import MASS, OVEN, RISE, TWO_BY_TWO, VALVE, exact_state, quiet, valve_controller
-
-# The dead time is removed exactly -------------------------------------------------------------------------------------
-
-Ts = 0.1
-rate = st.floats(0.05, 5.0)
-DENOMINATORS = st.one_of(
-    st.tuples(rate).map(lambda p: np.poly([-p[0]])),
-    st.tuples(rate, rate).map(lambda p: np.poly([-p[0], -p[1]])),
-    st.tuples(rate, rate).map(lambda p: np.poly([-p[0] + 1j * p[1], -p[0] - 1j * p[1]]).real),
-    st.tuples(rate).map(lambda p: np.poly([0.0, -p[0]])),
-    st.just(np.array([1.0, 0.0, 0.0])),
-    st.tuples(rate, rate).map(lambda p: np.poly([0.0, -p[0] + 1j * p[1], -p[0] - 1j * p[1]]).real),
-)
-
-
-def near_tie(controller, run, k):
-    """Whether the two best candidates of step k of a run differ by round-off only."""
-    probe = controller.copy()
-    told = RISE_AND_FALL(run.t, probe.order)
-    for i in range(k):
-        probe.step(run.x[i], told[i])
-    best, second = np.sort(probe.decide(run.x[k], told[k]).costs)[:2]
-    return second - best < 1e-9 * max(second, 1e-12)
-
-
-RISE_AND_FALL = fsw.Sine(amplitude=0.83, frequency=0.0937, offset=0.21, phase=0.31)
-
-
-@given(
-    den=DENOMINATORS,
-    dead_time=st.one_of(st.integers(0, 12).map(lambda d: round(d * Ts, 10)), st.floats(0.0, 1.2)),
-    Td=st.floats(0.1, 1.5),
-    lam=st.floats(0.5, 20.0),
-    levels=st.sampled_from([[0.0, 1.0], [-1.0, 0.0, 1.0], [-1.0, 0.0, 0.4, 2.0]]),
-    tail=st.sampled_from(["rest", "zero"]),
-)
-def test_the_dead_time_shifts_the_response_and_changes_no_command(den, dead_time, Td, lam, levels, tail):
-    """Exact model, causal reference, start at rest: x(t + dead time) is what it would be without dead time."""
-    free = fsw.Plant.from_tf([float(np.abs(den).max())], den)
-    delayed = free.replace(input_delay=dead_time)
-    objective = fsw.Endpoint(Td, lam, tail=tail)
-    at_once = fsw.Controller(free, levels, Ts, objective)
-    expected = fsw.simulate(at_once, RISE_AND_FALL, 12.0)
-    run = fsw.simulate(fsw.Controller(delayed, levels, Ts, objective), RISE_AND_FALL, 12.0)
-    different = np.flatnonzero((run.u != expected.u).any(axis=1))
-    assume(not different.size or not near_tie(at_once, expected, different[0]))
-    assert not different.size
-    assume(len(np.unique(expected.u)) > 1)  # some horizons suit no oscillator, and nothing is switched
-    shift = round(dead_time / Ts)
-    if abs(shift * Ts - dead_time) < 1e-12:
-        scale = np.abs(expected.x).max(axis=0)
-        assert run.x[shift:] / scale == pytest.approx(expected.x[: len(run.x) - shift] / scale, abs=1e-9)
-        assert run.x[: shift + 1] / scale == pytest.approx(0.0, abs=1e-12)
-
-
-def test_a_prediction_that_leaves_the_dead_time_out_is_not_invariant():
-    """The counterpart: the test above could fail."""
-    blind = fsw.simulate(valve_controller(VALVE.replace(input_delay=0.0)), RISE, 0.6, plant=VALVE)
-    assert not np.array_equal(blind.u, fsw.simulate(valve_controller(), RISE, 0.6).u)
-
-
-# Bad measurements -----------------------------------------------------------------------------------------------------
-
-BAD = [[np.nan, 0.0], [0.0, np.inf], [-np.inf, np.nan], [1e300, 0.0]]
-
-
-@pytest.mark.parametrize("plant", [VALVE, VALVE.replace(input_delay=0.0), VALVE.replace(input_delay=0.0053)])
-@pytest.mark.parametrize("bad", BAD)
-def test_the_prediction_stands_in_for_bad_measurements(plant, bad):
-    """The model being exact, coasting through bad samples changes no command."""
-    controller = valve_controller(plant)
-    run = fsw.simulate(controller, RISE, 0.3)
-    told = RISE(run.t, controller.order)
-    for k in range(300):
-        good = k < 80 or k % 7 == 0
-        u = controller.step(run.x[k] if good else bad, told[k])
-        assert controller.status == (Status.OK if good else Status.COASTING)
-        assert u == run.u[k]
-
-
-def test_the_last_good_disturbance_stands_in_for_a_bad_one():
-    plant = VALVE.replace(E=[[-1.0], [0.0]])
-    seeing, blind = valve_controller(plant), valve_controller(plant)
-    for k in range(40):
-        expected = seeing.step([20.0, 30.0], 60.0, disturbance=[700.0])
-        u = blind.step([20.0, 30.0], 60.0, disturbance=[700.0 if k == 0 else np.nan])
-        assert blind.status == (Status.COASTING if k else Status.OK)
-        assert u == expected
-
-
-def test_before_any_good_measurement_the_command_is_held():
-    controller = valve_controller()
-    controller.reset(pending=[0, 0, 0, 0, 1])
-    for _ in range(30):
-        assert controller.step([np.nan, 0.0], 0.0) == [1.0]
-        assert controller.status == Status.HELD
-    controller.step([0.0, 0.0], 0.0)
-    assert controller.status == Status.OK
-    controller.step([np.nan, 0.0], 0.0)
-    assert controller.status == Status.COASTING
-    controller.reset()
-    controller.step([np.nan, 0.0], 0.0)
-    assert controller.status == Status.HELD
-
-
-@pytest.mark.parametrize("safe", [0.0, 1.0])
-def test_after_bad_limit_samples_comes_the_safe_level(safe):
-    controller = valve_controller(safe_level=safe, bad_limit=4)
-    expected = [(Status.OK, 10.0)] + [(Status.COASTING, np.nan)] * 3 + [(Status.SAFE, np.nan)] * 3
-    for status, value in [*expected, (Status.OK, 10.0), (Status.COASTING, np.nan)]:
-        u = controller.step([value, 0.0], 1000.0 * (1.0 - safe))  # the wish: the other level
-        assert controller.status == status
-        assert u == [safe if status == Status.SAFE else 1.0 - safe]
-
-
-def test_without_a_declared_safe_level_a_controller_coasts_on():
-    controller = valve_controller(bad_limit=4)
-    controller.step([0.0, 0.0], 1e6)
-    for _ in range(50):
-        assert controller.step([np.nan, 0.0], 1e6) == [1.0]
-        assert controller.status == Status.COASTING
-
-
-def test_a_bad_first_measurement_counts_towards_the_limit():
-    controller = valve_controller(safe_level=0.0, bad_limit=3)
-    statuses = []
-    for _ in range(4):
-        controller.step([np.nan, np.nan], 1000.0)
-        statuses.append(controller.status)
-    assert statuses == [Status.HELD, Status.HELD, Status.SAFE, Status.SAFE]
-
-
-@pytest.mark.parametrize("real", ["float64", "float32"])
-def test_a_finite_reference_beyond_the_arithmetic_holds_the_command(real):
-    controller = valve_controller(real=real)
-    assert controller.step([0.0, 0.0], 1000.0) == [1.0]
-    assert controller.decide([0.0, 0.0], 1e300).status == Status.HELD
-    assert controller.step([0.0, 0.0], 1e300) == [1.0]
-    assert controller.status == Status.HELD
-
-
-def test_every_status_has_a_remedy():
-    for status in Status:
-        assert status.remedy.endswith(".")
-        assert "\n" not in status.remedy
-
 
 # Decisions ------------------------------------------------------------------------------------------------------------
 
@@ -363,7 +216,7 @@ def test_costs_that_overflow_hold_the_command_and_say_so(real, far):
     assert controller.status == fsw.Status.OK
 
 
-# Periods in which step does not choose ------------------------------------------------------------------------------
+# Periods in which step does not choose --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)

@@ -15,11 +15,15 @@ from pathlib import Path
 
 import pytest
 
+import foreswitch as fsw
+
 #: Said by every test that skips for want of something; conftest.py gathers them.
 ABSENT = "target not here"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 #: What is waited for at most [ms]: machines of four builds at once are slow.
 PATIENCE = 20_000
+DESK, PHONE = 1400, 400
+wide_and_narrow = pytest.mark.parametrize("width", [DESK, PHONE])
 
 
 def require():
@@ -182,3 +186,24 @@ class Visit:
         """Ends the visit; nothing may have gone wrong."""
         self.context.close()
         assert self.wrong == []
+
+
+def pulses(folder, name="pulses.csv"):
+    """A record of the hot gas."""
+    valve = fsw.Plant.integrator_lag(16500.0, 0.006, 0.005, output_names="pressure [kPa]")
+    record = fsw.PulseTest(Ts=1e-3, width=2e-3, spacing=0.06, number=10, lead=0.05).rehearse(valve, noise=1.0)
+    record.to_csv(folder / name)
+    return folder / name
+
+
+def drop(page, files):
+    """Drops files, name to text, onto the page."""
+    page.evaluate(
+        """files => {
+            const carried = new DataTransfer();
+            for (const [name, text] of Object.entries(files)) carried.items.add(new File([text], name));
+            for (const kind of ["dragover", "drop"])
+                document.body.dispatchEvent(new DragEvent(kind, { dataTransfer: carried, bubbles: true, cancelable: true }));
+        }""",
+        files,
+    )

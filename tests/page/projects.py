@@ -1,8 +1,10 @@
-"""Projects as the page sends them: the examples, and variants of theirs."""
+"""Projects as the page sends them, the examples and variants of theirs, and what is answered."""
 
 import copy
+import json
 
-from foreswitch.page import presets
+from foreswitch.page import jobs, presets
+from foreswitch.page.wire import unpack
 
 EXAMPLES = {preset["name"]: preset["project"] for preset in presets.presets()}
 GONE = object()
@@ -27,3 +29,9 @@ HOT, CHAMBER, INVERTER, OVEN = (EXAMPLES[name] for name in ("hot_gas", "chamber"
 HORIZON = changed(HOT, ("controller", {"objective": "horizon", "steps": 8}))
 FILTER = changed(HOT, ("estimator", {"process_noise": 1.0, "measurement_noise": 1.0}), ("simulation.noise", 1.0))
 REAL_SENSOR = {"quantum": 0.5, "missing": 0.1, "outages": [[0.2, 0.22]]}
+
+
+def ask(kind, project, **more):
+    """Fields and arrays of a reply, computed in this process."""
+    _, body = jobs.done({"kind": kind, "id": 7}, json.dumps({"project": project, **more}).encode())
+    return unpack(body)

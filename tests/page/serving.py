@@ -148,3 +148,9 @@ def alive(pid):
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except OSError:
         return False
+
+
+def said(reply):
+    """Status and sentence of a refusal."""
+    status, _, body = reply
+    return status, json.loads(body)["error"]["message"]

@@ -20,7 +20,8 @@ import numpy as np
 import foreswitch as fsw
 from certificate.designs import certified, draw
 from foreswitch.certificate import margins, reasons
-from oracles.certificate import Rival, attack
+from oracles.adversary import attack
+from oracles.certificate import Rival
 from table import Row
 
 DRAWN, FEW = 2500, 60

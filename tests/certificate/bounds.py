@@ -3,7 +3,7 @@
 import numpy as np
 
 import foreswitch as fsw
-from oracles.certificate import attack
+from oracles.adversary import attack
 from systems import TWO_BY_TWO
 
 ROUND_OFF = 1.0 + 1e-9

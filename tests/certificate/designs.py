@@ -30,13 +30,8 @@ def modes(rng, kind, order):
     return A
 
 
-def draw(seed):
-    """A controller, or None where there is none, with its kind and the errors to be borne."""
-    rng = np.random.default_rng(seed)
-    kind = KINDS[seed % len(KINDS)]
-    m, q = list(SHAPES)[rng.choice(len(SHAPES), p=list(SHAPES.values()))]
-    order = int(rng.integers(max(2 if kind in ("double integrator", "oscillator") else 1, min(m, q)), 5))
-    Ts = float(np.exp(rng.uniform(np.log(1e-3), np.log(2.0))))
+def draw_plant(rng, kind, order, m, q, Ts):
+    """A plant of a kind in a basis of its own, with offsets and dead times."""
     A = modes(rng, kind, order) / Ts
     turn = np.eye(order) + 0.5 * rng.normal(size=(order, order)) if rng.uniform() < 0.7 else np.eye(order)
     if abs(np.linalg.det(turn)) < 0.1:
@@ -57,7 +52,11 @@ def draw(seed):
     if m > 1 and rng.uniform() < 0.6:
         tau = Ts * rng.choice([0.0, 0.25, 1.0, 1.6, 2.0, 3.3], m)
     u_offset = rng.choice([0.0, 0.3], m)
-    plant = fsw.Plant(A, B, C, input_delay=tau, u_offset=u_offset, y_offset=rng.choice([0.0, 5.0], q))
+    return fsw.Plant(A, B, C, input_delay=tau, u_offset=u_offset, y_offset=rng.choice([0.0, 5.0], q))
+
+
+def draw_levels(rng, m, q):
+    """Levels of each input, even or not, and the commands that are forbidden."""
     levels = []
     for _ in range(m):
         count = int(rng.choice([2, 2, 3, 3, 5, 9] if m == 1 else [2, 3, 3, 4] if m == 2 else [2, 2, 2]))
@@ -66,6 +65,33 @@ def draw(seed):
     forbidden = []
     if rng.uniform() < 0.15 and np.prod([len(v) for v in levels]) > 3:
         forbidden = [[float(rng.choice(v)) for v in levels]]
+    return levels, forbidden
+
+
+def draw_errors(rng, B, rows, Ts):
+    """Errors to be borne: noise of the rows that are measured, of what a pulse of an input moves them; and others."""
+    errors = {}
+    if rng.uniform() < 0.4:
+        pulse = np.abs(rows @ B * Ts).max(axis=1)
+        errors["noise"] = rng.uniform(0.0, 0.5) * pulse * rng.integers(0, 2, len(rows))
+    if rng.uniform() < 0.3:
+        errors["delay_error"] = Ts * rng.choice([0.05, 0.2, 0.5, 1.0, 1.7]) * rng.integers(0, 2, B.shape[1])
+    if rng.uniform() < 0.3:
+        errors["gain_error"] = rng.choice([0.01, 0.05, 0.2]) * np.ones(B.shape[1])
+    if rng.uniform() < 0.15:
+        errors["load"] = rng.choice([0.01, 0.1]) * np.ones(B.shape[1])
+    return errors
+
+
+def draw(seed):
+    """A controller, or None where there is none, with its kind and the errors to be borne."""
+    rng = np.random.default_rng(seed)
+    kind = KINDS[seed % len(KINDS)]
+    m, q = list(SHAPES)[rng.choice(len(SHAPES), p=list(SHAPES.values()))]
+    order = int(rng.integers(max(2 if kind in ("double integrator", "oscillator") else 1, min(m, q)), 5))
+    Ts = float(np.exp(rng.uniform(np.log(1e-3), np.log(2.0))))
+    plant = draw_plant(rng, kind, order, m, q, Ts)
+    levels, forbidden = draw_levels(rng, m, q)
     Td = Ts * rng.choice([1.0, 1.5, 2.0, 4.0, 8.0, 15.0])
     lam = np.exp(rng.uniform(np.log(0.1), np.log(20.0), q)) / Ts
     objective = fsw.Endpoint(
@@ -90,18 +116,7 @@ def draw(seed):
             controller = quiet(fsw.Controller, plant, levels, Ts, objective, switch_cost=price, **options)
     except ValueError:
         return kind, None, {}
-    errors = {}
-    if rng.uniform() < 0.4:
-        rows = C if estimator else np.eye(order)
-        pulse = np.abs(rows @ B * Ts).max(axis=1)
-        errors["noise"] = rng.uniform(0.0, 0.5) * pulse * rng.integers(0, 2, len(rows))
-    if rng.uniform() < 0.3:
-        errors["delay_error"] = Ts * rng.choice([0.05, 0.2, 0.5, 1.0, 1.7]) * rng.integers(0, 2, m)
-    if rng.uniform() < 0.3:
-        errors["gain_error"] = rng.choice([0.01, 0.05, 0.2]) * np.ones(m)
-    if rng.uniform() < 0.15:
-        errors["load"] = rng.choice([0.01, 0.1]) * np.ones(m)
-    return kind, controller, errors
+    return kind, controller, draw_errors(rng, plant.B, plant.C if estimator else np.eye(order), Ts)
 
 
 def certified(controller, errors):

@@ -6,7 +6,7 @@ import pytest
 import foreswitch as fsw
 from certificate.bounds import DOUBLE, FINE, LAGS, ONE_TO_TWO, PENDULUM, ROUND_OFF, TICK, strays, withstands
 from certificate.designs import certified, draw
-from oracles.certificate import attack
+from oracles.adversary import attack
 from systems import OVEN, RISE, TWO_BY_TWO, VALVE, exact_state, valve_controller
 
 # Three cases with known figures. The worst observed are of a few references; the adversary comes closer. --------------

@@ -8,7 +8,8 @@ from certificate.bounds import FINE, LAGS, PENDULUM, ROUND_OFF, TICK
 from foreswitch.certificate.error_dynamics import ErrorLoop
 from foreswitch.certificate.model_errors import Errors
 from foreswitch.certificate.quantiser import Quantiser
-from oracles.certificate import Rival, attack
+from oracles.adversary import attack
+from oracles.certificate import Rival
 from systems import VALVE, quiet, valve_controller
 
 

@@ -187,42 +187,30 @@ static int leaves_hull(const fsw_horizon *h, const fsw_horizon_scratch *s, natur
     return 0;
 }
 
-/* The quadratic forms of one period of a pass, y'Ay + 2 b'y + const, and the Riccati recursion between them. */
-typedef struct {
-    fsw_real W[FSW_SPAN * FSW_SPAN], p[FSW_SPAN]; /* best cost from here on, in (x, previous) */
-    fsw_real X[FSW_SPAN * FSW_SPAN];              /* W [F 0 G; 0 0 1], column `previous` left out, which is 0 */
-    fsw_real A[(FSW_SPAN + FSW_MAX_INPUTS) * (FSW_SPAN + FSW_MAX_INPUTS)]; /* in (x, previous, u), lower triangle */
-    fsw_real b[FSW_SPAN + FSW_MAX_INPUTS];
-    fsw_real scale; /* largest pivot so far */
-} quadratic;
-
-/* After the last move nothing is left to choose. */
-INLINE void begin_behind(const fsw_horizon *h, const fsw_horizon_scratch *s, natural v, quadratic *f)
-{
-    for (natural i = 0; i < v * v; i++) f->W[i] = h->last_value[i];
-    for (natural i = 0; i < v; i++) f->p[i] = s->last[i];
-    f->scale = 0;
-}
+/* One pass goes back over the periods with two quadratic forms: y'W y + 2 p'y + const, the best cost from here on in
+ * y = (x, previous), and y'A y + 2 b'y + const, the same in (x, previous, u) before u is chosen, lower triangle. */
 
 /* W, p: add |S x + e|^2 at the end of period k. O(outputs states^2). */
 INLINE void add_error(const fsw_horizon *h, const fsw_horizon_scratch *s, natural n, natural v, natural q, natural k,
-                      quadratic *f)
+                      fsw_real *W, fsw_real *p)
 {
     for (natural o = 0; o < q; o++) {
         const fsw_real root = h->root_weight[k * q + o], *S = h->S + o * n;
         for (natural i = 0; i < n; i++) {
-            for (natural j = 0; j < n; j++) f->W[i * v + j] += root * S[i] * root * S[j];
-            f->p[i] += root * S[i] * s->error[k][o];
+            for (natural j = 0; j < n; j++) W[i * v + j] += root * S[i] * root * S[j];
+            p[i] += root * S[i] * s->error[k][o];
         }
     }
 }
 
-/* A, b from W, p: back over period k, x' = F x + G u, and the moves' own cost added; A = [F 0 G; 0 0 1]' X.
+/* A, b from W, p: back over period k, x' = F x + G u, and the moves' own cost added; A = [F 0 G; 0 0 1]' X with
+ * X = W [F 0 G; 0 0 1], whose column `previous` is 0 and left out. Returns the larger of `scale` and the pivots.
  * O((states + inputs)^2 states). */
-INLINE void go_back(const fsw_horizon *h, natural n, natural m, natural k, quadratic *f)
+INLINE fsw_real go_back(const fsw_horizon *h, natural n, natural m, natural k, const fsw_real *W, const fsw_real *p,
+                        fsw_real *A, fsw_real *b, fsw_real scale)
 {
     const natural v = n + m, all = v + m;
-    fsw_real *W = f->W, *X = f->X, *A = f->A, *b = f->b, *p = f->p;
+    fsw_real X[FSW_SPAN * FSW_SPAN];
     for (natural i = 0; i < v; i++) {
         for (natural j = 0; j < n; j++) {
             X[i * v + j] = 0;
@@ -255,16 +243,17 @@ INLINE void go_back(const fsw_horizon *h, natural n, natural m, natural k, quadr
         A[r * all + r] += h->move_weight[i] - h->lift[k * m + i];
         A[(n + i) * all + n + i] = h->move_weight[i];
         A[r * all + n + i] = -h->move_weight[i];
-        if (A[r * all + r] > f->scale) f->scale = A[r * all + r];
+        if (A[r * all + r] > scale) scale = A[r * all + r];
     }
+    return scale;
 }
 
 /* W, p from A, b: put in each input of period k, the last first: its end of the hull where it is pinned, else its
  * minimiser. Keeps each input's row for the way forward. O(inputs (states + inputs)^2). */
-INLINE void eliminate(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural k, quadratic *f)
+INLINE void eliminate(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural k, fsw_real scale,
+                      fsw_real *A, fsw_real *b, fsw_real *W, fsw_real *p)
 {
     const natural v = n + m, all = v + m;
-    fsw_real *A = f->A, *b = f->b;
     for (natural j = m; j-- > 0;) {
         const natural r = v + j;
         const fsw_real *row = A + r * all;
@@ -273,7 +262,7 @@ INLINE void eliminate(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, n
         if (s->u.hull.pinned[k][j]) {
             const fsw_real u = h->hull[2 * j + (s->u.hull.pinned[k][j] > 0)];
             for (natural i = 0; i < r; i++) b[i] += row[i] * u;
-        } else if (row[r] > ZERO_PIVOT * f->scale) {
+        } else if (row[r] > ZERO_PIVOT * scale) {
             for (natural i = 0; i < r; i++) {
                 const fsw_real g = row[i] / row[r];
                 b[i] -= g * b[r];
@@ -282,8 +271,8 @@ INLINE void eliminate(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, n
         }
     }
     for (natural i = 0; i < v; i++) {
-        f->p[i] = b[i];
-        for (natural j = 0; j <= i; j++) f->W[i * v + j] = f->W[j * v + i] = A[i * all + j];
+        p[i] = b[i];
+        for (natural j = 0; j <= i; j++) W[i * v + j] = W[j * v + i] = A[i * all + j];
     }
 }
 
@@ -341,14 +330,16 @@ INLINE natural go_forward(const fsw_horizon *h, fsw_horizon_scratch *s, natural 
 static natural pin(const fsw_horizon *h, fsw_horizon_scratch *s, natural present)
 {
     const natural n = STATES(h), m = INPUTS(h), v = n + m;
-    quadratic f;
-    begin_behind(h, s, v, &f);
+    fsw_real W[FSW_SPAN * FSW_SPAN], p[FSW_SPAN], scale = 0; /* scale: the largest pivot so far */
+    fsw_real A[(FSW_SPAN + FSW_MAX_INPUTS) * (FSW_SPAN + FSW_MAX_INPUTS)], b[FSW_SPAN + FSW_MAX_INPUTS];
+    for (natural i = 0; i < v * v; i++) W[i] = h->last_value[i]; /* after the last move nothing is left to choose */
+    for (natural i = 0; i < v; i++) p[i] = s->last[i];
     for (natural k = MOVES(h); k-- > 0;) {
-        add_error(h, s, n, v, OUTPUTS(h), k, &f);
-        go_back(h, n, m, k, &f);
-        eliminate(h, s, n, m, k, &f);
+        add_error(h, s, n, v, OUTPUTS(h), k, W, p);
+        scale = go_back(h, n, m, k, W, p, A, b, scale);
+        eliminate(h, s, n, m, k, scale, A, b, W, p);
     }
-    return go_forward(h, s, n, m, present, f.scale);
+    return go_forward(h, s, n, m, present, scale);
 }
 
 /* Find the prices and the affine parts that go with them. Any slopes give a valid bound, converged ones the best. */

@@ -498,12 +498,14 @@ fsw_real fsw_horizon_cost(const fsw_horizon *h, const fsw_horizon_scratch *s, ui
 
 /* Where the search stands. Costs and bounds are above V_0, which changes with the prices. */
 typedef struct {
-    fsw_horizon_answer answer; /* excess, found: of the incumbent, scratch.best; nodes so far */
-    fsw_real bound;            /* of the node at hand, */
-    natural k, c;              /* its depth and last move; of the root the candidate in force */
-    uint32_t pause, budget;    /* nodes at which prices are tried or, once they are, the search ends */
-    int timed;                 /* a dwell is running, or may come to */
-    int priced;                /* prices have been tried */
+    fsw_real excess;        /* of the incumbent, scratch.best */
+    uint32_t nodes;         /* so far */
+    int found;              /* there is an incumbent */
+    fsw_real bound;         /* of the node at hand, */
+    natural k, c;           /* its depth and last move; of the root the candidate in force */
+    uint32_t pause, budget; /* nodes at which prices are tried or, once they are, the search ends */
+    int timed;              /* a dwell is running, or may come to */
+    int priced;             /* prices have been tried */
     int dived; /* the first descent has ended: without it, a plan would only ever be followed, never revised */
 } position;
 
@@ -585,8 +587,8 @@ static void keep_only(fsw_horizon_scratch *s, natural first)
 INLINE void process(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natural m, natural C, natural first,
                     position *at)
 {
-    expand(h, s, n, m, C, at->k, at->c, at->timed, at->bound, at->answer.excess);
-    at->answer.nodes += (uint32_t)C;
+    expand(h, s, n, m, C, at->k, at->c, at->timed, at->bound, at->excess);
+    at->nodes += (uint32_t)C;
     if (first < C && at->k == 0) keep_only(s, first);
 }
 
@@ -594,7 +596,7 @@ INLINE void process(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, nat
 INLINE int is_open(const fsw_horizon_scratch *s, const position *at)
 {
     const natural open = s->u.tree.next[at->k];
-    return open != s->u.tree.count[at->k] && s->u.tree.bound[at->k][open] < at->answer.excess;
+    return open != s->u.tree.count[at->k] && s->u.tree.bound[at->k][open] < at->excess;
 }
 
 /* Branch: take the best child left, the path and its bound with it. Returns the move before it. */
@@ -619,7 +621,7 @@ INLINE int spawn(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natura
     at->k++;
 #if FSW_RECORDS > 0
     if (h->dominance && at->k > 1 && at->k < MOVES(h) - 1u &&
-        dominated(h, s, n, m, C, at->k, at->c, at->timed, at->bound, at->answer.excess)) {
+        dominated(h, s, n, m, C, at->k, at->c, at->timed, at->bound, at->excess)) {
         at->k--;
         return 0;
     }
@@ -632,16 +634,15 @@ INLINE int spawn(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natura
 /* Far above V_0 prices are worth trying at once. */
 INLINE void hurry(const fsw_horizon *h, position *at)
 {
-    if (!at->priced && at->answer.excess > h->far)
-        at->pause = at->answer.nodes < at->budget ? at->answer.nodes : at->budget;
+    if (!at->priced && at->excess > h->far) at->pause = at->nodes < at->budget ? at->nodes : at->budget;
 }
 
 /* A leaf was taken: the path is the new incumbent. */
 INLINE void keep(const fsw_horizon *h, fsw_horizon_scratch *s, position *at)
 {
     for (natural i = 0; i < MOVES(h); i++) s->best[i] = s->u.tree.path[i];
-    at->answer.excess = at->bound;
-    at->answer.found = 1;
+    at->excess = at->bound;
+    at->found = 1;
     at->dived = 1;
     hurry(h, at);
 }
@@ -652,7 +653,7 @@ INLINE int backtrack(const fsw_horizon *h, position *at)
     if (!at->dived) hurry(h, at);
     at->dived = 1; /* a plan from before may be the best there is, so that no leaf would ever tell how far it is */
     /* the first descent only fails where costs overflow: without an incumbent, the rest might never end */
-    return at->answer.found && at->k-- > 0;
+    return at->found && at->k-- > 0;
 }
 
 /* Raise all bounds by prices, once. Returns whether the search begins anew: the root is at hand, the incumbent stays.
@@ -663,16 +664,22 @@ INLINE int reprice(const fsw_horizon *h, fsw_horizon_scratch *s, natural n, natu
     at->pause = at->budget;
     at->priced = 1;
     if (!leaves_hull(h, s, present)) return 0;
-    const fsw_real plain = at->answer.excess;
+    const fsw_real plain = at->excess;
     set_prices(h, s, present); /* in the tree's memory */
     to_root(h, s, n, m, present, wait, at);
-    at->answer.excess = follow(h, s, n, m, C, present, at->timed, s->best);
-    at->answer.nodes += MOVES(h);
-    if (!(at->answer.excess <= plain)) { /* worse than without them, or NaN: they did not converge */
+    at->excess = follow(h, s, n, m, C, present, at->timed, s->best);
+    at->nodes += MOVES(h);
+    if (!(at->excess <= plain)) { /* worse than without them, or NaN: they did not converge */
         withdraw_prices(h, s);
-        at->answer.excess = plain;
+        at->excess = plain;
     }
     return 1;
+}
+
+INLINE fsw_horizon_answer answered(const position *at, fsw_real gap, int optimal)
+{
+    const fsw_horizon_answer answer = {at->excess, gap, at->nodes, (uint8_t)at->found, (uint8_t)optimal};
+    return answer;
 }
 
 /* The best sequence, into scratch.best. n, m, C: states, inputs, candidates, perhaps as constants. Before:
@@ -683,26 +690,25 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
                                  uint8_t present, const uint32_t *wait, const uint8_t *warm, natural first,
                                  uint32_t budget)
 {
-    position at = {{HUGE_COST, 0, 0, 0, 0}, 0, 0, 0, h->patience < budget ? h->patience : budget, budget, 0, 0, 0};
+    position at = {.excess = HUGE_COST, .pause = h->patience < budget ? h->patience : budget, .budget = budget};
     at.timed = h->dwell != 0; /* without any, a dwell may still have been given to start with */
     for (natural j = 0; j < m; j++) at.timed |= wait[j] > 0;
     to_root(h, s, n, m, present, wait, &at);
     if (warm && MOVES(h) >= REPLAYED) {
-        at.answer.excess = follow(h, s, n, m, C, present, at.timed, warm);
-        at.answer.nodes = MOVES(h);
-        at.answer.found = at.answer.excess < HUGE_COST;
-        for (natural i = 0; at.answer.found && i < MOVES(h); i++) s->best[i] = warm[i];
+        at.excess = follow(h, s, n, m, C, present, at.timed, warm);
+        at.nodes = MOVES(h);
+        at.found = at.excess < HUGE_COST;
+        for (natural i = 0; at.found && i < MOVES(h); i++) s->best[i] = warm[i];
     }
     for (int fresh = 1;;) { /* the node at hand is not yet processed */
         if (fresh) process(h, s, n, m, C, first, &at);
         fresh = 0;
         if (!is_open(s, &at)) {
             if (backtrack(h, &at)) continue;
-            at.answer.optimal = at.answer.found;
-            return at.answer;
+            return answered(&at, 0, at.found);
         }
-        if (at.answer.found && at.dived && at.answer.nodes >= at.pause) {
-            if (at.answer.nodes >= budget) break;
+        if (at.found && at.dived && at.nodes >= at.pause) {
+            if (at.nodes >= budget) break;
             fresh = reprice(h, s, n, m, C, present, wait, &at);
             continue;
         }
@@ -712,9 +718,8 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
         else
             fresh = spawn(h, s, n, m, C, from, &at);
     }
-    at.answer.gap = at.answer.excess - least_open(s, at.k, at.answer.excess);
-    at.answer.optimal = !(at.answer.gap > 0);
-    return at.answer;
+    const fsw_real gap = at.excess - least_open(s, at.k, at.excess);
+    return answered(&at, gap, !(gap > 0));
 }
 
 /* One move: every candidate that may be commanded. */

@@ -25,14 +25,28 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from foreswitch._helpers.mistake import Mistake
 from foreswitch.cli import app
 
 LANGUAGES = {"python", "console", "toml", "c", "text", "csv"}
 MARK = re.compile(r"<!-- (not run: .+|exit \d+|needs: .+|change \S+|printed) -->")
-CHECKER = doctest.OutputChecker()
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 #: Longest time for a program [s].
 SECONDS = 120
+
+
+class Checker(doctest.OutputChecker):
+    """A mistake may be shown as what it is caught as: its class is a ValueError of the library's own."""
+
+    def check_output(self, want: str, got: str, optionflags: int) -> bool:
+        """Whether they agree."""
+        name = f"{Mistake.__module__}.{Mistake.__qualname__}: "
+        if got.startswith(name):
+            got = "ValueError: " + got.removeprefix(name)
+        return super().check_output(want, got, optionflags)
+
+
+CHECKER = Checker()
 
 
 class Block(NamedTuple):

@@ -690,7 +690,7 @@ INLINE fsw_horizon_answer search(const fsw_horizon *h, fsw_horizon_scratch *s, n
                                  uint8_t present, const uint32_t *wait, const uint8_t *warm, natural first,
                                  uint32_t budget)
 {
-    position at = {.excess = HUGE_COST, .pause = h->patience < budget ? h->patience : budget, .budget = budget};
+    position at = {HUGE_COST, 0, 0, 0, 0, 0, h->patience < budget ? h->patience : budget, budget, 0, 0, 0};
     at.timed = h->dwell != 0; /* without any, a dwell may still have been given to start with */
     for (natural j = 0; j < m; j++) at.timed |= wait[j] > 0;
     to_root(h, s, n, m, present, wait, &at);

@@ -74,16 +74,19 @@ class Stepping:
     @property
     def issued(self) -> Array:
         """Commands issued, oldest first, the last one in force, shape (pending_steps + 1, m)."""
-        return self.actuator.values(self.memory.line)
+        return self.actuator.values(self._line())
 
     @property
     def memory(self) -> Memory:
         """What is carried from one period to the next."""
-        line = np.frombuffer(self.core.line(), dtype=np.uint8).reshape(-1, self.plant.inputs)
         x, w = np.empty(self.plant.states), np.empty(self.design.disturbances)
         known = self.core.estimate(x, w)
         wait = np.frombuffer(self.core.wait(), dtype=np.uint32)
-        return Memory(line, wait, x if known else None, w if known else None)
+        return Memory(self._line(), wait, x if known else None, w if known else None)
+
+    def _line(self) -> np.ndarray[Any, np.dtype[np.uint8]]:
+        """Level indices of the commands issued, oldest first."""
+        return np.frombuffer(self.core.line(), dtype=np.uint8).reshape(-1, self.plant.inputs)
 
     @property
     def status(self) -> Status:
